@@ -41,20 +41,13 @@ _LARGEST = 1e100
 _MORE = 0.125
 
 
-class Texts(NamedTuple):
-    """How many cells of a column of numbers are text, and a clause on the first."""
-
-    cells: int
-    first: str
-
-
 class Gathered(NamedTuple):
     """The columns of a sheet by the names they are taken as, [rows]; NaN where one is empty."""
 
     numbers: dict[str, np.ndarray]
     labels: dict[str, pd.Categorical]
     rows: int
-    texts: dict[str, "Texts"]  # of the columns of numbers that have some
+    texts: dict[str, tuple[int, str]]  # cells of a column of numbers that are text, and the first
     left_out: dict[str, str]  # column of its own name to the clause why it is none of numbers
     origin: str  # from when a time counts that was given by dates, empty otherwise
 
@@ -102,10 +95,9 @@ def gather(
     """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
     columns = {one.name: _Column() for one in taken if one.name not in LABELS}
     labels = {one.name: _Labels() for one in taken if one.name in LABELS}
-    texts: dict[str, Texts] = {}
+    texts: dict[str, tuple[int, str]] = {}
     origin: int | None = None
-    mark = sheet.mark
-    first_row = sheet.first_row
+    mark, first_row = sheet.mark, sheet.first_row
     for block, share in sheet.blocks():
         if mark is None:
             mark = _mark(sheet, taken, block, first_row)
@@ -117,8 +109,7 @@ def gather(
             if one.stamp:
                 ticks, text = stamps(cells, one.stamp)
                 if origin is None:
-                    first = pyarrow.compute.min(ticks).as_py()
-                    origin = 0 if one.stamp == TIME_OF_DAY else first
+                    origin = 0 if one.stamp == TIME_OF_DAY else pyarrow.compute.min(ticks).as_py()
                 values = seconds(ticks, origin or 0)
             else:
                 values, text = numbers(cells, mark or ".")
@@ -131,10 +122,10 @@ def gather(
                 labels[one.name].add(cells)
                 continue
             if text.size:
-                written = cells[int(text[0])].as_py()
-                first = _text_fault(first_row + int(text[0]), one.column, written)
-                before = texts.get(one.name, Texts(0, first))
-                texts[one.name] = before._replace(cells=before.cells + text.size)
+                place = int(text[0])
+                first = _text_fault(first_row + place, one.column, cells[place].as_py())
+                count, first = texts.get(one.name, (0, first))
+                texts[one.name] = count + text.size, first
             columns[one.name].add(values)
         first_row += len(next(iter(block.values()), ()))
         progress("reading", share)
@@ -223,14 +214,14 @@ _POOLED = 5
 _REPEATED = ("adhesion", "tangential_force_N", "run")
 
 
-def stacked(read: Gathered, taken: Sequence[Taken], label: str) -> Gathered:
+def stacked(read: Gathered, taken: Sequence[Taken], label: str) -> tuple[Gathered, list[str]]:
     """The rows of every repeat or axle one below the other, where they are columns side by side.
 
     The `label` numbers the copies from 1; where the file has such labels it is `label/copy`. What
-    has one column for all is repeated. Without a label all stays as it is.
+    has one column for all is repeated, and a sentence says so. Without a label all stays as it is.
     """
     if not label:
-        return read
+        return read, []
     copies: dict[str, list[str]] = {}
     for one in taken:
         if one.copy:
@@ -251,24 +242,17 @@ def stacked(read: Gathered, taken: Sequence[Taken], label: str) -> Gathered:
     if label in labels:
         number = np.char.add(np.char.add(np.asarray(labels[label], str), "/"), number)
     labels[label] = pd.Categorical(number.astype(object))
-    return read._replace(numbers=numbers, labels=labels, rows=count * rows)
-
-
-def stacked_note(taken: Sequence[Taken], label: str, rows: int) -> list[str]:
-    """The sentence on columns side by side that have `rows` rows as one; none without."""
-    names = [one.column for one in taken if one.copy]
-    if not label:
-        return []
-    count = max(one.copy for one in taken)
+    side_by_side, used = listed([one.column for one in taken if one.copy]), f"{count * rows:,} rows"
+    note = (
+        f"The columns {side_by_side} are {count} repeats of the adhesion: they are used as {used}, "
+        "those of the first column being run 1, and so on."
+    )
     if label == "axle":
-        return [
-            f"The columns {listed(names)} are those of {count} axles: they are used as {rows:,} "
-            "rows, one axle below the other."
-        ]
-    return [
-        f"The columns {listed(names)} are {count} repeats of the adhesion: they are used as "
-        f"{rows:,} rows, those of the first column being run 1, and so on."
-    ]
+        note = (
+            f"The columns {side_by_side} are those of {count} axles: they are used as {used}, one "
+            "axle below the other."
+        )
+    return read._replace(numbers=numbers, labels=labels, rows=count * rows), [note]
 
 
 def of_means(columns: dict[str, np.ndarray]) -> list[str]:

@@ -13,14 +13,7 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.derived import SOURCES, derive, needed, without_delays
 from adhesion_jax.data.files import Sheet, sheet_of, sheet_of_frame, with_dates_joined
 from adhesion_jax.data.forces import NOTHING, Corrections
-from adhesion_jax.data.gathering import (
-    Gathered,
-    gather,
-    of_means,
-    stacked,
-    stacked_note,
-    with_scatter,
-)
+from adhesion_jax.data.gathering import Gathered, gather, of_means, stacked, with_scatter
 from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import (
     exchanged,
@@ -158,9 +151,8 @@ def _measured(
         fault = _asked(sheet, found, missing)
         raise NotUnderstoodError(f"{sheet.name} cannot be used: {fault}.", table)
     read = gather(sheet, found.taken, progress)
-    understood = [*_understood(found.taken, read)]
     try:
-        return _used(sheet, found, read, names_needed, understood, known, few)
+        return _used(sheet, found, read, names_needed, known, few)
     except InputError as error:
         raise InputError(f"{sheet.name} cannot be used: {error}.") from None
 
@@ -170,18 +162,18 @@ def _used(
     found: Understanding,
     read: Gathered,
     names_needed: Sequence[str],
-    understood: list[tuple[object, ...]],
     known: Corrections,
     few: float,
 ) -> Measured:
     """The rows of a sheet that are used, with what is derived; InputError is a clause here."""
     if not read.rows:
         raise InputError(too_few(0))
+    understood = [*_understood(found.taken, read)]
     taken = {one.name: one for one in found.taken if one.name in read.numbers}
     notes, unfit = set_aside(read, taken, {*names_needed, "time_s"}, sheet.first_row)
-    rows = Rows(stacked(read, found.taken, found.copies), sheet.first_row, read.rows)
+    whole, side_by_side = stacked(read, found.taken, found.copies)
+    rows = Rows(whole, sheet.first_row, read.rows)
     numbers = rows.numbers
-    side_by_side = stacked_note(found.taken, found.copies, rows.count)
     notes += rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
     notes += rows.labelled()
     there = [name for name in names_needed if name in numbers]

@@ -51,7 +51,8 @@ def set_aside(
             outside = _outside(values, source.quantity)
         found = []
         if name in read.texts:
-            found.append((read.texts[name].cells, "text", read.texts[name].first))
+            count, said = read.texts[name]
+            found.append((count, "text", said))
         if outside.any():
             said = _said(values, outside, source, first_row)
             found.append((int(outside.sum()), "out of range", said))
@@ -77,11 +78,6 @@ def set_aside(
     if faults:
         raise InputError("; ".join(dict.fromkeys(faults)))
     return list(dict.fromkeys(notes)), left_out
-
-
-def beyond(values: np.ndarray, quantity: str) -> np.ndarray:
-    """Which of the values that were computed lie beyond what the others show, [rows], bool."""
-    return ~np.isfinite(values) | _outside(values, quantity)
 
 
 def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.ndarray:
@@ -152,18 +148,14 @@ class Rows:
         self.labels: Mapping[str, pd.Categorical] = _within_files(
             read.labels, read.numbers.get("time_s")
         )
-        self.count = read.rows
-        self._first_row, self._rows_of_file = first_row, rows_of_file
-        self._places: np.ndarray | None = None  # of the rows that are left; all without
+        #: The numbers that a user sees of the rows.
+        self.index: pd.Index = pd.RangeIndex(first_row, first_row + rows_of_file)
         if read.rows > rows_of_file:  # repeats, one below the other
-            self._places = np.arange(read.rows)
+            self.index = pd.Index(np.tile(self.index, read.rows // rows_of_file))
 
     @property
-    def index(self) -> pd.Index:
-        """The numbers that a user sees of the rows."""
-        if self._places is None:
-            return pd.RangeIndex(self._first_row, self._first_row + self.count)
-        return pd.Index(self._first_row + self._places % self._rows_of_file)
+    def count(self) -> int:
+        return len(self.index)
 
     @property
     def series(self) -> np.ndarray:
@@ -177,18 +169,13 @@ class Rows:
         for name in self.numbers:
             self.numbers[name] = self.numbers[name][rows]
         self.labels = {name: of[rows] for name, of in self.labels.items()}
-        there = np.arange(rows.size) if self._places is None else self._places
-        self._places = there[rows]
-        self.count = int(np.count_nonzero(rows))
+        self.index = self.index[rows]
 
     def in_time(self, column: str) -> list[str]:
         """Makes time go on within each run and axle where the clock stepped back; sentences."""
         if "time_s" not in self.numbers:
             return []
-        index = self.index
-        time, used, notes = with_clock(
-            self.numbers["time_s"], self.series, column, lambda place: int(index[place])
-        )
+        time, used, notes = with_clock(self.numbers["time_s"], self.series, column, self.index)
         self.numbers["time_s"] = time
         self.keep(used)
         return notes
@@ -197,32 +184,28 @@ class Rows:
         """Keeps the rows that have a run, an axle and so on where there is such a column."""
         notes = []
         for name in LABELS:
-            if name not in self.labels:
+            if name == "mode" or name not in self.labels:
                 continue
             used = np.asarray(self.labels[name] != "")
-            if name == "mode":
-                known = {"", *MODES}
-                strange = [one for one in self.labels[name].categories if one.lower() not in known]
-                if strange:
-                    own = "mode (as it is)"
-                    self.labels = {
-                        own if one == name else one: of for one, of in self.labels.items()
-                    }
-                    notes.append(
-                        f"The column mode keeps its labels, which are none of {listed([*MODES])}: "
-                        f"{listed(strange[:3])}."
-                    )
-                continue
             if not used.all():
                 notes.append(f"{of_rows(~used)} the {name} is not named.")
                 self.keep(used)
+        modes = self.labels["mode"].categories if "mode" in self.labels else ()
+        strange = [one for one in modes if one.lower() not in {"", *MODES}]
+        if strange:
+            own = {"mode": "mode (as it is)"}
+            self.labels = {own.get(name, name): of for name, of in self.labels.items()}
+            notes.append(
+                f"The column mode keeps its labels, which are none of {listed([*MODES])}: "
+                f"{listed(strange[:3])}."
+            )
         return notes
 
     def within(self, computed: Iterable[str]) -> list[str]:
         """Keeps the rows whose computed values are not beyond what the others show; sentences."""
         notes = []
         for name in computed:
-            wrong = beyond(self.numbers[name], name)
+            wrong = ~np.isfinite(self.numbers[name]) | _outside(self.numbers[name], name)
             if wrong.any():
                 place = int(wrong.argmax())
                 notes.append(

@@ -1,6 +1,6 @@
 """Rows of a log that follow each other in time: stretches, gaps, and clocks that step back."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -227,12 +227,12 @@ def going_on(time: np.ndarray, series: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def with_clock(
-    time: np.ndarray, series: np.ndarray, column: str, row_of: Callable[[int], int]
+    time: np.ndarray, series: np.ndarray, column: str, index: pd.Index
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """The same for the time of a log, which may be NaN: time, rows that are used, and sentences.
 
-    `row_of` is the number that a user sees of a row. InputError where the clock steps back all the
-    time, or most rows would be lost.
+    `index` are the numbers that a user sees of the rows. InputError where the clock steps back all
+    the time, or most rows would be lost.
     """
     timed = ~np.isnan(time)
     moved, of_those, parted = going_on(time[timed], series[timed])
@@ -241,10 +241,10 @@ def with_clock(
     if not lost.size and not cuts.size:
         return time, np.ones(time.size, bool), []
     if lost.size + cuts.size > MOST * rows.size:
-        first = row_of(int(min([*lost[:1], *cuts[:1]])))
+        first = min([*lost[:1], *cuts[:1]])
         raise InputError(
-            f"column {column} decreases all the time, first in row {first} (sort each run by time, "
-            "and number the runs in a column run)"
+            f"column {column} decreases all the time, first in row {index[first]} (sort each run "
+            "by time, and number the runs in a column run)"
         )
     notes = []
     used = np.ones(time.size, bool)
@@ -252,13 +252,13 @@ def with_clock(
     if lost.size:
         notes.append(
             f"{of_rows(~used)} the clock steps back, until it shows again what it showed before; "
-            f"the first is row {row_of(int(lost[0]))}."
+            f"the first is row {index[lost[0]]}."
         )
     if cuts.size:
         others = f" and {cuts.size - 1:,} other rows" if cuts.size > 1 else ""
         notes.append(
-            f"The time of column {column} begins anew in row {row_of(int(cuts[0]))}{others}: the "
-            "log is cut there, and the times from there on are moved behind those before."
+            f"The time of column {column} begins anew in row {index[cuts[0]]}{others}: the log is "
+            "cut there, and the times from there on are moved behind those before."
         )
     time = time.copy()
     time[timed] = moved

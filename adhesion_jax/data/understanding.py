@@ -30,139 +30,6 @@ _CONSTANT = re.compile(r"([-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)\s*\[?([^\s\[\]]*)
 _WITH_UNIT = re.compile(r"(.*\S)\s*\[([^\[\]]*)\]")
 
 
-class Said(NamedTuple):
-    """A quantity is in this column in this unit, which is empty where it is not said.
-
-    `constant` is its value in the unit of the package, where it is in no column. `ours` says that
-    it was called by its name in the package, which ends in the unit.
-    """
-
-    quantity: str
-    column: str = ""
-    unit: str = ""
-    constant: float | None = None
-    ours: bool = False
-    turned: bool = False  # the sign of the column is the other one
-
-
-def said(name: str, names: Sequence[str], columns: Mapping[str, object]) -> list[Said]:
-    """What `columns` says of a file of this name that has columns of these names.
-
-    A key is a quantity: a name of COLUMNS or LABELS, or what it is called without a unit, such as
-    speed. A value is `COLUMN`, `COLUMN [UNIT]`, the same after a minus, which turns the sign, or,
-    where there is no such column, `NUMBER UNIT`. InputError in a sentence where it fits neither the
-    columns nor the units of the quantity.
-    """
-    found: list[Said] = []
-    for key, value in columns.items():
-        one = _said(name, names, _quantity(key), value)._replace(ours=key in COLUMNS)
-        for other in found:
-            if other.quantity == one.quantity:
-                raise InputError(f"{one.quantity} is said to be two things; name one of them.")
-            if one.column and other.column == one.column:
-                raise InputError(
-                    f"The column {one.column} is said to be {other.quantity} and {one.quantity}; "
-                    "a column is one quantity."
-                )
-        found.append(one)
-    return found
-
-
-def _quantity(key: str) -> str:
-    word = plain(key)
-    if key in COLUMNS or key in LABELS:
-        return key
-    if word in UNDECIDED:
-        raise InputError(
-            f"{key} does not tell of which body it is; write "
-            f"{listed([COLUMNS[one].plain for one in UNDECIDED[word]], 'or')}."
-        )
-    quantities = QUANTITIES.get(word, ())
-    if len(quantities) != 1:
-        plains = [column.plain for column in COLUMNS.values()] + [*LABELS]
-        near = get_close_matches(word.replace(" ", "_"), plains, 3, 0.7) or plains
-        raise InputError(f"{key} is no quantity that is known; name {listed(near, 'or')}.")
-    return quantities[0]
-
-
-def _said(name: str, names: Sequence[str], quantity: str, value: object) -> Said:
-    wanted = f'write a column, as in {quantity} = "v [km/h]", or a constant, as in "200 kN"'
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return _checked(Said(quantity, "", "", _number(quantity, value)))
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{quantity} cannot be {value!r}; {wanted}.")
-    text = " ".join(value.split())
-    if text in names:
-        return _in_column(name, names, Said(quantity, text))
-    with_unit, constant = _WITH_UNIT.fullmatch(text), _CONSTANT.fullmatch(text)
-    of_names = with_unit is not None and with_unit[1] in names
-    if text.startswith("-") and not (of_names or constant or quantity in LABELS):
-        return _said(name, names, quantity, text[1:])._replace(turned=True)
-    if constant and not of_names:
-        return _checked(Said(quantity, "", constant[2], _number(quantity, constant[1])))
-    column, unit = (with_unit[1], with_unit[2]) if with_unit else (text, "")
-    return _in_column(name, names, Said(quantity, column, unit))
-
-
-def _number(quantity: str, value: object) -> float:
-    if quantity in LABELS:
-        raise InputError(f"{quantity} is told by a column of labels, not by a constant.")
-    try:
-        return float(str(value))
-    except ValueError:
-        raise InputError(f"{quantity} cannot be {value!r}; write a number and its unit.") from None
-
-
-def _in_column(name: str, names: Sequence[str], one: Said) -> Said:
-    if one.column not in names:
-        # A column `v [km/h]` may be called v.
-        short = [column for column in names if named(column).stem == one.column]
-        if len(short) != 1:
-            near = get_close_matches(one.column, names, 3) or names[:12]
-            more = " ..." if len(names) > 12 and len(near) == 12 else ""
-            plainly = COLUMNS[one.quantity].plain if one.quantity in COLUMNS else one.quantity
-            purpose = "to compare by" if one.quantity == "group" else f"to read {plainly} from"
-            raise InputError(
-                f"{name} has no column {one.column} {purpose}; there "
-                f"{'is' if len(near) == 1 else 'are'} {', '.join(near) or 'none'}{more}."
-            )
-        one = one._replace(column=short[0])
-    return _checked(one)
-
-
-def _checked(one: Said) -> Said:
-    """The same, if the unit is one of the quantity; InputError otherwise."""
-    if one.quantity in LABELS:
-        if one.unit:
-            raise InputError(f"{one.quantity} is a label and has no unit; leave {one.unit} out.")
-        return one
-    if one.quantity == "time_s" and one.unit in ORDERS:
-        return one
-    wanted = COLUMNS[one.quantity]
-    what = f"column {one.column}" if one.column else f"{one.quantity} = {one.constant:g}"
-    if one.unit and not known(one.unit):
-        raise InputError(
-            f"The unit {one.unit} of {what} is not known; write a unit of {wanted.plain}, such "
-            f"as {wanted.unit}."
-        )
-    if one.unit and not goes(one.unit, one.quantity):
-        raise InputError(
-            f"The unit {one.unit} of {what} is no unit of {wanted.plain}; "
-            f"{instead(one.unit, one.quantity, one.column)}."
-        )
-    if one.constant is None:
-        return one
-    to = conversion(one.unit or "1", wanted.unit)
-    if to is None:
-        raise InputError(f"{what} needs its unit; write one such as {wanted.unit} after it.")
-    value = to.of(one.constant)
-    if not wanted.lower <= value <= wanted.upper:
-        raise InputError(
-            f"{one.quantity} = {value:g} {wanted.unit} lies outside {wanted.span}; {wanted.advice}."
-        )
-    return one._replace(constant=value)
-
-
 #: Quantities of one body each; a force that is none of them by name is the one to be explained.
 _FORCES = (*UNDECIDED["force"], "motor_torque_Nm")
 
@@ -218,16 +85,34 @@ class Understanding(NamedTuple):
 
 
 def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False) -> Understanding:
-    """What the columns of a sheet are; `columns` is what the user says of them, see `said`.
+    """What the columns of a sheet are; `columns` is what the user says of them.
 
-    `axles` says that columns with an index are those of axles.
+    A key is a quantity: a name of COLUMNS or LABELS, or what it is called without a unit, such as
+    speed. A value is `COLUMN`, `COLUMN [UNIT]`, the same after a minus, which turns the sign, or,
+    where there is no such column, `NUMBER UNIT`. `axles` says that columns with an index are those
+    of axles. InputError where what is said fits neither the columns nor the units of the quantity.
     """
+    given = [_quantity(key) for key in columns]
+    twice = next((one for one in given if given.count(one) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice} is said to be two things; name one of them.")
     guesses = {name: _guess(sheet, name) for name in sheet.columns}
-    told = said(sheet.name, sheet.columns, columns)
-    guesses = _by_neighbours(guesses, any(one.quantity == "adhesion_sd" for one in told))
+    guesses = _by_neighbours(guesses, "adhesion_sd" in given)
+    told: dict[str, Taken] = {}  # by the column
+    constants: dict[str, float] = {}
+    for quantity, (key, value) in zip(given, columns.items(), strict=True):
+        one = _said(sheet, guesses, quantity, value, key in COLUMNS)
+        if isinstance(one, float):
+            constants[quantity] = one
+            continue
+        other = told.setdefault(one.column, one)
+        if other is not one:
+            raise InputError(
+                f"The column {one.column} is said to be {other.name} and {quantity}; a column is "
+                "one quantity."
+            )
     # What groups go by may be a quantity as well.
-    by_column = {one.column: one for one in told if one.column and one.quantity != GROUP}
-    given = {one.quantity for one in told}
+    by_column = {name: one for name, one in told.items() if one.name != GROUP}
     questions: list[Question] = []
     chosen: dict[str, dict[str, Guess]] = {}
     for name, found in guesses.items():
@@ -235,7 +120,7 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
             continue
         if found.quantity:
             chosen.setdefault(found.quantity, {})[name] = found
-        elif found.question and not given & {*found.quantities}:
+        elif found.question and not {*given} & {*found.quantities}:
             questions.append(Question(name, found.question, found.quantities))
     of_quantity: dict[str, tuple[str, int]] = {}  # by the column, with the number of the copy
     families: dict[str, list[str]] = {}
@@ -258,7 +143,7 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
     left_out = []
     for name, found in guesses.items():
         if name in by_column:
-            taken.append(_as_said(sheet, by_column[name], found))
+            taken.append(by_column[name])
         elif name in of_quantity:
             quantity, copy = of_quantity[name]
             one = _taken(sheet, name, quantity, found.unit)
@@ -271,14 +156,124 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
             ours = name in COLUMNS or name in LABELS or name in _OF_RESULTS
             own = f"{name} (as it is)" if ours else name
             taken.append(Taken(name, own, found.unit))
-    taken += [Taken(one.column, GROUP, "") for one in told if one.quantity == GROUP]
+    taken += [one for one in told.values() if one.name == GROUP]
     return Understanding(
         tuple(taken),
-        {one.quantity: one.constant for one in told if one.constant is not None},
+        constants,
         tuple(questions),
         tuple(left_out),
         copies if any(one.copy for one in taken) else "",
     )
+
+
+def _quantity(key: str) -> str:
+    word = plain(key)
+    if key in COLUMNS or key in LABELS:
+        return key
+    if word in UNDECIDED:
+        raise InputError(
+            f"{key} does not tell of which body it is; write "
+            f"{listed([COLUMNS[one].plain for one in UNDECIDED[word]], 'or')}."
+        )
+    quantities = QUANTITIES.get(word, ())
+    if len(quantities) != 1:
+        plains = [column.plain for column in COLUMNS.values()] + [*LABELS]
+        near = get_close_matches(word.replace(" ", "_"), plains, 3, 0.7) or plains
+        raise InputError(f"{key} is no quantity that is known; name {listed(near, 'or')}.")
+    return quantities[0]
+
+
+def _said(
+    sheet: Sheet, guesses: Mapping[str, Guess], quantity: str, value: object, ours: bool
+) -> Taken | float:
+    """The column that a quantity is said to be, or the constant in the unit of the package.
+
+    Where no unit is said the header says it, or a name of `ours`, which ends in the unit.
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return _constant(quantity, float(str(value)), "")
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(
+            f'{quantity} cannot be {value!r}; write a column, as in {quantity} = "v [km/h]", or a '
+            'constant, as in "200 kN".'
+        )
+    text = " ".join(value.split())
+    with_unit, constant = _WITH_UNIT.fullmatch(text), _CONSTANT.fullmatch(text)
+    column, unit = (with_unit[1], with_unit[2]) if with_unit else (text, "")
+    if text in sheet.columns:
+        column, unit = text, ""
+    elif column not in sheet.columns:
+        if text.startswith("-") and not (constant or quantity in LABELS):
+            found = _said(sheet, guesses, quantity, text[1:], ours)
+            if isinstance(found, float):
+                return found
+            to = found.conversion
+            return found._replace(conversion=Conversion(-to.factor, -to.offset))
+        if constant:
+            return _constant(quantity, float(constant[1]), constant[2])
+        column = _called(sheet, column, quantity)
+    if quantity in LABELS and unit:
+        raise InputError(f"{quantity} is a label and has no unit; leave {unit} out.")
+    said = bool(unit)
+    if said and not (quantity == "time_s" and unit in ORDERS):
+        _check_unit(unit, quantity, f"column {column}", column)
+    if not said and quantity not in LABELS and column not in sheet.stamps:
+        unit = guesses[column].unit or (COLUMNS[quantity].unit if ours else "")
+        if not unit:
+            wanted = COLUMNS[quantity]
+            raise InputError(
+                f"{sheet.name} cannot be used: it is not known in which unit the column "
+                f'{column} is (write --column "{wanted.plain}={column} [UNIT]", with a '
+                f"unit such as {wanted.unit})."
+            )
+    return _taken(sheet, column, quantity, unit)._replace(said=said)
+
+
+def _called(sheet: Sheet, column: str, quantity: str) -> str:
+    """The column of this name, which `v [km/h]` has where it is called v."""
+    names = sheet.columns
+    short = [name for name in names if named(name).stem == column]
+    if len(short) == 1:
+        return short[0]
+    near = get_close_matches(column, names, 3) or names[:12]
+    more = " ..." if len(names) > 12 and len(near) == 12 else ""
+    plainly = COLUMNS[quantity].plain if quantity in COLUMNS else quantity
+    purpose = "to compare by" if quantity == GROUP else f"to read {plainly} from"
+    raise InputError(
+        f"{sheet.name} has no column {column} {purpose}; there "
+        f"{'is' if len(near) == 1 else 'are'} {', '.join(near) or 'none'}{more}."
+    )
+
+
+def _check_unit(unit: str, quantity: str, what: str, column: str) -> None:
+    wanted = COLUMNS[quantity]
+    if not known(unit):
+        raise InputError(
+            f"The unit {unit} of {what} is not known; write a unit of {wanted.plain}, such "
+            f"as {wanted.unit}."
+        )
+    if not goes(unit, quantity):
+        raise InputError(
+            f"The unit {unit} of {what} is no unit of {wanted.plain}; "
+            f"{instead(unit, quantity, column)}."
+        )
+
+
+def _constant(quantity: str, number: float, unit: str) -> float:
+    if quantity in LABELS:
+        raise InputError(f"{quantity} is told by a column of labels, not by a constant.")
+    wanted, what = COLUMNS[quantity], f"{quantity} = {number:g}"
+    if unit:
+        _check_unit(unit, quantity, what, "")
+    to = conversion(unit or "1", wanted.unit)
+    if to is None:
+        raise InputError(f"{what} needs its unit; write one such as {wanted.unit} after it.")
+    value = to.of(number)
+    if not wanted.lower <= value <= wanted.upper:
+        raise InputError(
+            f"{quantity} = {value:g} {wanted.unit} lies outside {wanted.span}; {wanted.advice}."
+        )
+    return value
 
 
 def _copies(families: Mapping[str, Sequence[str]], log: bool, axles: bool) -> str:
@@ -356,26 +351,6 @@ def _ordered(sheet: Sheet, name: str, said: str) -> str:
             f"{name} are {EITHER} (please say so by {answers})."
         )
     return form
-
-
-def _as_said(sheet: Sheet, one: Said, found: Guess) -> Taken:
-    unit = one.unit
-    said = bool(unit)
-    if not unit and one.quantity not in LABELS and one.column not in sheet.stamps:
-        # The header says the unit where the user does not, and a name of ours where neither does.
-        wanted = COLUMNS[one.quantity]
-        unit = found.unit or (wanted.unit if one.ours else "")
-        if not unit:
-            raise InputError(
-                f"{sheet.name} cannot be used: it is not known in which unit the column "
-                f'{one.column} is (write --column "{wanted.plain}={one.column} [UNIT]", with a '
-                f"unit such as {wanted.unit})."
-            )
-    taken = _taken(sheet, one.column, one.quantity, unit)._replace(said=said)
-    if one.turned:
-        to = taken.conversion
-        taken = taken._replace(conversion=Conversion(-to.factor, -to.offset))
-    return taken
 
 
 def _which_column(quantity: str, names: Iterable[str], axles: bool) -> Question:
