@@ -117,7 +117,8 @@ class Findings(NamedTuple):
     #: One row a point of the search, a training row or the mean of a block of neighbouring ones:
     #: run, slip, adhesion, before, after, every column.
     points: pd.DataFrame
-    #: With a test set, one row a row of it: row, base, corrected, and with_trees if asked for.
+    #: With a test set, one row a row of it: row, base, corrected (by the law that is saved), and
+    #: with_trees if asked for.
     predictions: pd.DataFrame | None
     seconds: float
     #: The z of the score test whose adjusted p equals the significance level, by round; NaN or left
@@ -134,8 +135,9 @@ class Findings(NamedTuple):
     #: for blocks of one run.
     levels: pd.DataFrame | None = None
     base_before: str = ""  # the best curve without effects, where it is another one
-    #: Sentences on columns in which much of the test data is outside the training data.
-    outside: tuple[str, ...] = ()
+    #: The warnings that the verdict repeats: that the law is not the one that is saved, and what
+    #: much of the test data has that the training data hardly cover.
+    foremost: tuple[str, ...] = ()
     least_p: float = 0.0  # the smallest p that signs of the runs can show
     #: The errors of the law (before) and of the trees of the opinion on top of it (after) on the
     #: test set; None if that was not asked for, or if the trees predict nothing.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import campaign, curve, noise, problem_of, runs_of
 
+import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import matching
 from adhesion_jax.discovery.findings.cautions import extrapolated
@@ -39,7 +40,7 @@ def test_test_data_like_the_training_data_are_passed_over(training, said):
     assert said(training.assign(adhesion=training["adhesion"] + 0.001)) == []
     # A few test points at the edge of what was measured are no reason.
     some = training["run"] < 3
-    assert said(training.assign(warm=training["warm"].where(~some, 0.9))) == []
+    assert said(training.assign(warm=training["warm"].where(~some, 1.0))) == []
 
 
 def test_a_column_of_the_law_whose_middles_do_not_touch_is_told(training, said):
@@ -61,3 +62,42 @@ def test_a_slip_that_was_hardly_measured_is_told(training, said):
         said(training.assign(slip_ratio=training["slip_ratio"] + 0.3)),
     )
     assert [words[:5] for _, words in (*column, *slip)] == ["100 %", "100 %"]
+
+
+def test_a_column_of_the_law_with_a_gap_is_told_where_the_test_data_fill_it(training, said):
+    warm = training["warm"]
+    between = training.assign(warm=warm.where(training["run"] % 4 > 0, 0.5 + 0.05 * warm))
+    ((share, words),) = said(between)
+    # Training has nothing from the largest value of nineteen runs to the 1.0 of run 0.
+    low = warm[training["run"] > 0].max()
+    assert share == pytest.approx(0.25)
+    assert words.startswith(f"25 % of the test points have warm between {low:.4g} and 1, where no ")
+
+
+@pytest.mark.thorough
+def test_a_law_that_the_test_data_refute_is_told_and_not_handed_out():
+    """Adhesion that rises with `warm` in the training runs, and falls with it in the others."""
+    draw = np.random.default_rng(5)
+    made = [campaign(draw), campaign(draw)]
+    train, test = (
+        table.assign(
+            adhesion=curve(table["slip_ratio"]) * np.exp(sign * 0.2 * table["warm"]) + noise(draw)
+        )
+        for table, sign in zip(made, (1, -1), strict=True)
+    )
+    found = aj.discover(train, test=test)
+    errors = found.findings.test
+    assert [effect.covariates for effect in found.findings.unexplained] == [("warm",)]
+    assert errors.removed.high < 0
+    refuted = (
+        "With the effects the error on the test data is larger, "
+        f"{errors.after.value:.3g} instead of {errors.before.value:.3g}: the law that is saved is "
+        "the curve alone."
+    )
+    assert refuted in found.verdict
+    assert "correct" not in found.verdict.replace("the correction is of no use there", "")
+    assert found.law.effects == ()
+    given = found.predictions
+    np.testing.assert_array_equal(given["corrected"], given["base"])
+    missed = given["base"] - test["adhesion"]
+    assert np.sqrt((missed**2).mean()) == pytest.approx(errors.before.value, rel=1e-12)

@@ -369,7 +369,7 @@ def test_torsion_alone_is_not_praised():
 def test_verdict_of_structure_without_a_cause():
     assert verdict(unexplained()) == (
         "No known cause is found to be missing, but there is unexplained structure against "
-        "relative_humidity_pct (adjusted p = 0.0031); it is corrected by a non-parametric term, "
+        "relative_humidity_pct (adjusted p = 0.0031); it is described by a non-parametric term, "
         "and no physical cause is claimed. On runs not used for fitting (cross-validation, 24 "
         "runs) the error falls from 0.01341 to 0.01044 [0.00984, 0.01118], which removes 39.4 % "
         f"[31.1, 45.5] of the squared error; the noise floor is 0.01002. {BY_CHANCE}"
@@ -394,7 +394,7 @@ def test_test_data_unlike_the_training_data_are_told():
     usual = findings.validation.after.value
     far = findings.test._replace(after=Interval(34 * usual, 30 * usual, 38 * usual))
     outside = "40 % of the test points have a larger slip than any training point (0.1)."
-    words = verdict(findings._replace(test=far, outside=(outside,)))
+    words = verdict(findings._replace(test=far, foremost=(outside,)))
     assert words.endswith("or something acts in them that did not act there.")
     assert f"{outside} Of that on training runs left out, the error on the test set is 34" in words
     assert "their intervals do not touch" in words

@@ -25,6 +25,10 @@ _STRETCHES = 20
 #: The quantiles between which nine in ten values lie.
 _MIDDLE = (0.05, 0.95)
 
+#: Two neighbouring values of a column that are further apart than this share of its range have a
+#: gap between them. By hand.
+_GAP = 0.2
+
 #: Columns that an engineer may have measured, each with the columns that can replace it.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {
     "vehicle_speed_mps": (),
@@ -103,7 +107,8 @@ def extrapolated(
     """The share of test points that training hardly covers, and a sentence on it, largest first.
 
     Of the columns of the effects, and of the slip: points outside the range of the training data,
-    else those outside the middle of it if the middles of both do not touch.
+    else those outside the middle of it if the middles of both do not touch, else, of the
+    columns alone, those in the widest gap between training values.
     """
     if test is None:
         return []
@@ -116,7 +121,8 @@ def extrapolated(
         low, high = law.ranges[name]
         share = float(np.mean((whole[name][inside] < low) | (whole[name][inside] > high)))
         if share <= rules.MUCH_OUTSIDE and name in problem.flat:
-            found += _apart(name, whole[name][inside], problem.flat[name])
+            both = whole[name][inside], problem.flat[name]
+            found += _apart(name, *both) or _in_gap(name, *both)
         found.append(
             (
                 share,
@@ -154,6 +160,24 @@ def _apart(what: str, test: np.ndarray, training: np.ndarray) -> list[tuple[floa
             f"Nine in ten test points have {what} from {first:.4g} to {last:.4g}, nine in ten "
             f"training points one from {low:.4g} to {high:.4g}: the law is judged where hardly "
             "any data are that it was fitted to.",
+        )
+    ]
+
+
+def _in_gap(name: str, test: np.ndarray, training: np.ndarray) -> list[tuple[float, str]]:
+    """A sentence on the test points in the widest gap of the training ones, both [points]."""
+    values = np.unique(training)
+    widths = np.diff(values, append=values[-1])
+    place = int(np.argmax(widths))
+    if widths[place] <= _GAP * np.ptp(values):
+        return []
+    low, high = values[place : place + 2]
+    share = float(np.mean((test > low) & (test < high)))
+    return [
+        (
+            share,
+            f"{percent(share)} of the test points have {name} between {low:.4g} and {high:.4g}, "
+            "where no training point is: what the law says there is a guess.",
         )
     ]
 

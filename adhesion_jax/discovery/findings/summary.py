@@ -78,6 +78,8 @@ def summarise(
     opinion = searched.opinion if correct else None
     tested, with_trees, predictions = _on_test(test, bare, law, opinion, problem, seed)
     refuted = _refuted(final, validation, tested)
+    if refuted and predictions is not None:
+        predictions = predictions.assign(corrected=predictions["base"])
     given = searched.slip.sigma if searched.slip.given else None
     left = left_by(runs, law, after, final.setting.share, given)
     noise = noise_of(left)
@@ -116,7 +118,7 @@ def summarise(
         doubts=tuple(searched.doubts),
         opinion=searched.opinion,
         levels=None if runs.blocks else _levels(runs, before, after, noise),
-        outside=tuple(sentence for share, sentence in outside if share > rules.MUCH_OUTSIDE),
+        foremost=(*refuted, *(words for share, words in outside if share > rules.MUCH_OUTSIDE)),
         least_p=least_p(problem.runs),
         with_trees=with_trees,
     )
