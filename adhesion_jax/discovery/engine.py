@@ -102,13 +102,7 @@ def discover(
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
     warnings += [*same.values(), *_few_runs(problem)]
     if correct and (opinion is None or opinion.correction is None):
-        reason = (
-            "they predict nothing of what the law leaves."
-            if of_independent_blocks(final)
-            else "the rows are one run in which neighbouring errors are alike, so that rows left "
-            "out would not show whether they predict anything."
-        )
-        warnings.append(f"No correction by boosted trees was made: {reason}")
+        warnings.append(f"No correction by boosted trees was made: {_without_trees(final)}")
     progress("measuring the errors", 0.95)
     searched = Searched(runs, blocks, plain, final, slip, line, undecided(final), opinion)
     found = summarise(searched, test, warnings, correct, seed)
@@ -232,6 +226,19 @@ def of_independent_blocks(state: Selection) -> bool:
     residual = state.fitted.error[state.setting.problem.points > 0]
     alike = scipy.stats.spearmanr(residual[:-1], residual[1:])
     return not state.setting.problem.blocks or bool(alike.pvalue > _ALIKE)
+
+
+def _without_trees(state: Selection) -> str:
+    """Why what a law leaves is not corrected by trees."""
+    runs, needed = state.setting.problem.runs, rules.FEWEST_RUNS_OF_OPINION
+    if runs < needed:
+        return f"{needed} runs would show whether they predict anything, and there are {runs}."
+    if not of_independent_blocks(state):
+        return (
+            "the rows are one run in which neighbouring errors are alike, so that rows left out "
+            "would not show whether they predict anything."
+        )
+    return "they predict nothing of what the law leaves."
 
 
 def opinion_of(state: Selection, seed: int, without: Container[str] = ()) -> Opinion | None:

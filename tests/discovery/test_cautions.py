@@ -8,7 +8,8 @@ import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import matching
 from adhesion_jax.discovery.findings.cautions import extrapolated
-from adhesion_jax.discovery.findings.summary import ranges_of
+from adhesion_jax.discovery.findings.errors_by_run import errors
+from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
 from adhesion_jax.discovery.search.state import Accepted
 from adhesion_jax.effects.law import CorrectedLaw
 
@@ -72,6 +73,29 @@ def test_a_column_of_the_law_with_a_gap_is_told_where_the_test_data_fill_it(trai
     low = warm[training["run"] > 0].max()
     assert share == pytest.approx(0.25)
     assert words.startswith(f"25 % of the test points have warm between {low:.4g} and 1, where no ")
+
+
+@pytest.mark.parametrize(
+    ("left_out", "on_test", "larger"),
+    [
+        (0.9, 0.95, None),
+        (1.02, None, "on runs left out is larger, 1.02 instead of 1"),
+        # One run of twenty twice as wrong on the test data may be chance.
+        (0.9, 1.01, None),
+        (0.9, 1.3, "on the test data is larger, 1.3 instead of 1"),
+        (1.1, 1.3, "on the test data is larger, 1.3 instead of 1"),
+    ],
+)
+def test_a_law_is_refuted_by_runs_left_out_or_surely_by_test_data(left_out, on_test, larger):
+    def errors_of(ratio):
+        points = np.full(20, 100.0)
+        scatter = np.linspace(0.8, 1.2, 20)[::-1] if ratio < 1.2 else np.ones(20)
+        after = ratio**2 * points * scatter / scatter.mean()
+        return errors(points, after, points, 0)
+
+    accepted = [Accepted("covariate:warm", (), "warm", True, ("warm",), (), p=0.001, gain=50.0)]
+    told = _refuted(accepted, errors_of(left_out), on_test and errors_of(on_test))
+    assert [larger in words for words in told] == ([True] if larger else [])
 
 
 @pytest.mark.thorough

@@ -5,6 +5,7 @@ import pytest
 from discovery_campaigns import POINTS, alone, campaign, curve, levels, noise, seen, state_of
 from scipy import stats
 
+from adhesion_jax.discovery.engine import _without_trees, opinion_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, column_entries, library_of
 from adhesion_jax.discovery.search.probes import null_of, stretches
@@ -136,3 +137,14 @@ def test_runs_that_differ_in_more_than_their_level_make_nothing_sure():
         columns = ("warm", "old", "gust", "load")
         found = best_of(alone(whole.assign(adhesion=made)), columns, Spline, "slip")
         assert found.p > rules.SIGNIFICANT
+
+
+def test_five_runs_are_too_few_to_ask_trees():
+    draw = np.random.default_rng(7)
+    few = campaign(draw, runs=5)
+    adhesion = curve(few["slip_ratio"]) + noise(draw, runs=5)
+    state = state_of(few.assign(adhesion=adhesion))
+    assert opinion_of(state, 0) is None
+    assert _without_trees(state) == (
+        "8 runs would show whether they predict anything, and there are 5."
+    )

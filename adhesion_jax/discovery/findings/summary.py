@@ -35,7 +35,7 @@ from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of
-from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.search.state import Accepted, Selection
 from adhesion_jax.discovery.types import Doubt, Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise, SlipNoise
@@ -77,7 +77,7 @@ def summarise(
     validation = validation_of(runs, before, after, plain.fitted, final.fitted, seed)
     opinion = searched.opinion if correct else None
     tested, with_trees, predictions = _on_test(test, bare, law, opinion, problem, seed)
-    refuted = _refuted(final, validation, tested)
+    refuted = _refuted(final.accepted, validation, tested)
     if refuted and predictions is not None:
         predictions = predictions.assign(corrected=predictions["base"])
     given = searched.slip.sigma if searched.slip.given else None
@@ -184,12 +184,18 @@ def law_of(state: Selection, ranges: Ranges) -> CorrectedLaw:
     return CorrectedLaw(curve, state.fitted.effects, ranges, problem.calendar)
 
 
-def _refuted(final: Selection, validation: Errors, test: Errors | None) -> list[str]:
-    """What says that the law is worse than the curve alone: then the curve alone is saved."""
-    if not final.accepted:
+def _refuted(accepted: Sequence[Accepted], validation: Errors, test: Errors | None) -> list[str]:
+    """What says that the law is worse than the curve alone: then the curve alone is saved.
+
+    Worse on runs left out is a larger error, as they may decide for the plainer law; on the test
+    data, which may not, it is one that is surely larger.
+    """
+    if not accepted:
         return []
-    for one, where in ((validation, "on runs left out"), (test, "on the test data")):
-        if one is not None and one.removed.high < 0:
+    left_out = validation.removed.value, validation, "on runs left out"
+    unseen = [] if test is None else [(test.removed.high, test, "on the test data")]
+    for removed, one, where in (*unseen, left_out):
+        if removed < 0:
             return [
                 f"With the effects the error {where} is larger, {one.after.value:.3g} "
                 f"instead of {one.before.value:.3g}: the law that is saved is the curve "
