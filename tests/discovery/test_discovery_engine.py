@@ -349,9 +349,7 @@ def test_a_locomotive_shows_a_fall_as_shape_where_the_curve_has_no_peak(seed):
 def test_a_lag_slower_than_the_slip_is_found_though_a_curve_with_slow_noise_fits_too():
     """At 1.4 sigma the signal hardly follows the slip, and its score at no lag is nothing."""
     noise = SetNoise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)
-    campaign = simulate(
-        ["lag"], seed=367, base="exponential", noise=noise, strength=0.5, form="exact", **SIZE
-    )
+    campaign = simulate(["lag"], seed=367, base="exponential", noise=noise, strength=0.5, **SIZE)
     found = discover(runs_of(campaign.train))
     assert [effect.name for effect in found.effects] == ["lag"]
     constant = found.effects[0].parameters["time_constant"]

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from identifier_cases import scenario_of
 from lanes import lanes
 
 import adhesion_jax as aj
+from adhesion_jax.campaign.keys import solver_keys
 from adhesion_jax.campaign.tiles import Tiles
 from adhesion_jax.identifiers import IDENTIFIERS
 
@@ -22,11 +24,14 @@ ONLINE = [
 
 
 @pytest.mark.parametrize("name", lanes(ONLINE, always=2, thorough=len(ONLINE)))
-def test_a_loop_has_the_numbers_of_a_campaign(name):
+def test_a_loop_has_the_numbers_of_a_campaign(name, monkeypatch):
     scenario = scenario_of(STREAM)
     tiles = Tiles(STREAM, scenario)
     drawn = tiles.draw(0, 0)
     found = tiles.identify(0, 0, name, IDENTIFIERS[name], drawn).estimate
+    # A loop has one key, a campaign one for each run, by which particles are drawn.
+    (key,) = solver_keys(0, STREAM, name, jnp.arange(1))
+    monkeypatch.setattr(jax.random, "key", lambda _: key)
     online = aj.online(name, known=scenario.known)
     peak = [*found.values].index("mu_max")
     for block in range(scenario.rails.index("common") + 3):  # beyond the switch
