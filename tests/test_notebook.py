@@ -24,7 +24,9 @@ def test_what_is_kept_is_small_and_without_an_error():
 
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("default")  # of what runs notebooks
-def test_it_runs_to_its_end_and_shows_what_is_kept(tmp_path):
+def test_it_runs_to_its_end_and_shows_what_is_kept(tmp_path, monkeypatch):
+    # Tests draw into files as commands do; a notebook draws as a user's does.
+    monkeypatch.delenv("MPLBACKEND")
     from nbclient import NotebookClient  # slow to import
 
     notebook = nbformat.read(NOTEBOOK, 4)
