@@ -215,7 +215,8 @@ def test_two_jobs_in_one_folder(whole, tmp_path):
 
 @pytest.mark.thorough
 def test_runs_are_added_and_the_state_is_told(whole, tmp_path):
-    job = begun(tmp_path, "--runs", 3000)
+    fewer = (*JOB, "--runs", 3000)
+    job = begun(tmp_path, job=fewer)
     wait_for(job, tmp_path, 2)
     job.kill()
     ended(job)
@@ -229,7 +230,7 @@ def test_runs_are_added_and_the_state_is_told(whole, tmp_path):
     assert "of 3000 runs are finished" in told
     assert "no job is computing" in told
     assert "ml-exact" in told
-    assert ended(begun(tmp_path, "--runs", 3000, "--resume"))[0] == 0
+    assert ended(begun(tmp_path, "--resume", job=fewer))[0] == 0
     assert ended(begun(tmp_path, "--extend", RUNS - 3000))[0] == 0
     assert_same(results(tmp_path), whole)
     assert json.loads((tmp_path / "metadata.json").read_text())["config"]["runs"] == RUNS
