@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from discovery_campaigns import SIZE, state_of
+from scipy import stats
 
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.selection import search
@@ -14,6 +15,12 @@ from experiments.campaigns.simulator import simulate
 def places(column: pd.Series) -> pd.Series:
     """A column on -1 to 1 over its range."""
     return 2 * (column - column.min()) / np.ptp(column) - 1
+
+
+def shares(column: pd.Series) -> np.ndarray:
+    """A column on -1 to 1 by the share of the logistic distribution of its moments below it."""
+    scale = np.sqrt(3) / np.pi * np.std(column)
+    return 2 * stats.logistic.cdf(column, np.mean(column), scale) - 1
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +35,7 @@ def searched(table):
 
 @pytest.mark.thorough
 def test_what_acts_through_two_columns_together_is_one_effect_of_both(null):
-    u, v = places(null["position_m"]), places(null["rail_age_days"])
+    u, v = shares(null["position_m"]), shares(null["rail_age_days"])
     found = searched(null.assign(adhesion=null["adhesion"] * np.exp(0.2 * u * v)))
     (effect,) = found.accepted
     assert {*effect.covariates} == {"position_m", "rail_age_days"}
