@@ -76,8 +76,10 @@ def departure_of(
     values, vectors = np.linalg.eigh(even)
     values = np.maximum(values, 0.0)
     square = (vectors.T @ whole) ** 2
-    variance = inflation * values + _SIZES[:, None] ** 2 * values**2 + 1e-300
-    told = -0.5 * np.sum(np.log(variance) + square / variance, axis=1)
+    # Less the log likelihood of no departure: so a direction of which nothing is known has no part.
+    gained = _SIZES[:, None] ** 2 * values / inflation
+    freed = _SIZES[:, None] ** 2 * square / inflation**2
+    told = 0.5 * np.sum(freed / (1 + gained) - np.log1p(gained), axis=1)
     size = float(_SIZES[told.argmax()])
     occam = 0.5 * float(np.sum(np.log1p(size**2 * values / inflation)))
     told_by_rows = size**2 * values / (inflation + size**2 * values)

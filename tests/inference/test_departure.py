@@ -78,6 +78,20 @@ def test_the_size_is_the_likeliest(true_size):
     assert found.size == pytest.approx(truth, rel=0.08)
 
 
+@pytest.mark.parametrize("true_size", [0.0, 0.2])
+def test_of_fewer_slips_than_functions_the_size_is_the_likeliest_too(true_size):
+    """Some functions are then sums of others, and rounding says which of them are known."""
+    generator = np.random.default_rng(11)
+    x, cluster = model(generator.permuted(np.tile(np.linspace(0.01, 0.2, 8), CLUSTERS * EACH // 8)))
+    factors = true_size * SMOOTH * generator.normal(size=FUNCTIONS)
+    y = x @ np.append([0.02, 3.0], factors) + generator.normal(size=len(x))
+    found = [found_for(x, y * (1 + 1e-14 * k), cluster) for k in range(12)]
+    inflation = found[0].inflation
+    assert [one.inflation for one in found] == pytest.approx([inflation] * 12, rel=1e-9)
+    truth = likeliest(x, y, np.geomspace(1e-3, 1.0, 181), inflation)
+    assert [one.size for one in found] == pytest.approx([truth] * 12, rel=0.08)
+
+
 def test_the_penalty_its_cost_and_its_degrees_follow_from_the_size():
     generator = np.random.default_rng(2)
     x, cluster = scattered(generator)
