@@ -141,9 +141,11 @@ def test_no_peak_is_an_answer(name):
     assert np.max(adhesion(curve, np.linspace(0, 1, 10_001))) <= float(peak.adhesion) + 1e-15
 
 
-def test_a_kiencke_curve_with_a_pole_in_the_range_has_no_peak():
-    peak = Kiencke(a0=1.0, p1=-5.0, p2=4.0).peak({})
-    assert not bool(peak.found)
+@pytest.mark.parametrize(("p1", "found"), [(-5.0, False), (-4.04, False), (-3.96, True)])
+def test_a_kiencke_curve_with_a_pole_in_the_range_has_no_peak(p1, found):
+    """Its denominator has a root where p1 < -2 sqrt(p2)."""
+    peak = Kiencke(a0=1.0, p1=p1, p2=4.0).peak({})
+    assert bool(peak.found) == found
     assert np.isfinite(peak.slip)
     assert np.isfinite(peak.adhesion)
 
@@ -493,6 +495,11 @@ def test_polachs_closed_form_lies_near_rolling_contact_theory():
     curve = Polach(mu0=0.33, stiffness=float(truth[0] / creepage[0]))
     error = adhesion(curve, creepage) / truth - 1
     assert np.max(np.abs(error)) < 0.06
+
+
+def test_the_stiffness_of_polach_is_the_slope_at_slip_zero():
+    curve = Polach(mu0=0.33, stiffness=150.0)
+    assert adhesion(curve, 1e-9) / 1e-9 == pytest.approx(150.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", BASES)

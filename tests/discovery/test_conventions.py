@@ -1,10 +1,14 @@
-"""Limits of the search that are said to be conventions have the probability that is said."""
+"""Limits that are said to be conventions have the probability that is said."""
 
+import numpy as np
 import pytest
 from scipy import stats
 
+from adhesion_jax.data import events
+from adhesion_jax.discovery.model import fitting
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.measured import comparison, following
+from adhesion_jax.inference import fit, sums
+from adhesion_jax.measured import comparison, following, log
 from adhesion_jax.report import plan
 
 
@@ -31,3 +35,23 @@ def test_a_change_between_groups_is_claimed_at_one_per_cent(p, claimed):
     fields = dict.fromkeys(comparison.Comparison._fields)
     assert comparison.Comparison(**{**fields, "p": p, "p_shape": 1.0}).changed == claimed
     assert comparison.Comparison(**{**fields, "p": 1.0, "p_shape": p}).bent == claimed
+
+
+def test_limits_of_chance_are_those_that_are_said():
+    # The coherence of noise is exponential.
+    assert np.exp(-rules.HALF_FREQUENCY_COHERENCE) == pytest.approx(4.5e-5, rel=0.05)
+    assert 2 * stats.norm.sf(rules.OUTLIER_DEVIATIONS) == pytest.approx(6e-7, rel=0.1)
+
+
+@pytest.mark.parametrize("factor", [fit._NORMAL, events._NORMAL, log._NORMAL])
+def test_a_median_deviation_is_that_of_a_normal_distribution(factor):
+    assert factor * stats.norm.ppf(0.75) == pytest.approx(1, rel=1e-4)
+
+
+@pytest.mark.parametrize("tuning", [sums.TUNING, fitting.TUNING])
+def test_hubers_constant_loses_one_per_cent_of_efficiency(tuning):
+    """Of normal noise: (E psi')^2/E psi^2 (Huber 1964, Ann. Math. Statist. 35:73-101)."""
+    inside = 1 - 2 * stats.norm.sf(tuning)
+    beyond = 2 * tuning**2 * stats.norm.sf(tuning)
+    square = inside - 2 * tuning * stats.norm.pdf(tuning) + beyond
+    assert inside**2 / square == pytest.approx(0.99, abs=1e-3)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from adhesion_jax.discovery.model.prediction import Gain
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.screening import Score
@@ -12,6 +13,7 @@ from adhesion_jax.discovery.search.trials import (
     of_signals,
     ranked,
     shortlisted,
+    tied,
 )
 from adhesion_jax.effects import EFFECTS, Covariate
 
@@ -94,9 +96,21 @@ def test_the_shortlist_is_of_what_gains_most_and_none_where_nothing_is_significa
     assert shortlisted([], 0.01) == []
 
 
+@pytest.mark.parametrize(("p", "is_in"), [(0.098, True), (0.102, False)])
+def test_the_shortlist_ends_at_ten_times_the_level(p, is_in):
+    chosen = shortlisted([score("first", p=0.01), score("second", p=p)], 0.01)
+    assert ("second" in [one.entry.name for one in chosen]) == is_in
+
+
+@pytest.mark.parametrize(("behind", "is_open"), [(1.98, True), (2.02, False)])
+def test_two_units_of_support_leave_open_which_is_better(behind, is_open):
+    """Edwards 1972; however sure the difference is."""
+    assert tied(Gain(behind, 0.01)) == is_open
+
+
 @pytest.mark.parametrize("accepted", [True, False])
 def test_decisions_of_a_ranking_go_by_the_form_of_an_entry(accepted):
-    names = {"best": 0.001, "alike": 0.001, "other": 0.002, "idle": 0.01, "far": 0.5}
+    names = {"best": 0.001, "alike": 0.001, "other": 0.002, "idle": 0.01, "far": 0.0102}
     scores = [score(name, p=p) for name, p in names.items()]
     # Equal copies of scores get the rows of the scores themselves.
     trials = [Trial(one._replace(), None, 1.0) for one in scores[:3]]

@@ -356,3 +356,10 @@ def test_acceleration_is_the_slope_of_the_speed_about_half_a_second():
     lead = time[near] - time[20]
     slope = np.polyfit(lead, speed[near], 1, w=np.exp(-(lead**2) / (4 * 0.5**2)))[0]
     assert float(found["acceleration_mps2"][20]) == pytest.approx(slope, rel=1e-9)
+
+
+def test_a_wheel_of_920_mm_turns_once_in_its_circumference():
+    speed = np.full(41, 0.92 * np.pi / 4)
+    measured = {"time_s": 0.1 * jnp.arange(41), "vehicle_speed_mps": jnp.asarray(speed)}
+    found = completed(jnp.zeros(41), measured, Calendar("time_s", 0.0, 4.0))["wheel_angle_rad"]
+    assert float(found[-1] - found[0]) == pytest.approx(2 * np.pi, rel=1e-9)

@@ -1,13 +1,13 @@
-"""The slip of a peak, by the probability that adhesion falls at each slip."""
+"""The slip of a peak, by the probability that adhesion falls at each slip; mixtures of curves."""
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.special import stdtrit
-from scipy.stats import lognorm
+from scipy.stats import lognorm, t
 
 import adhesion_jax as aj
-from adhesion_jax.measured.answer import turned
+from adhesion_jax.measured.answer import _mixture, turned
 
 SLIP = np.geomspace(1e-4, 1.0, 400)
 
@@ -63,3 +63,14 @@ def test_of_a_sharp_peak_it_is_the_interval_of_the_delta_method():
     low, high = found.slip_opt_interval
     assert 0.5 * (high - low) == pytest.approx(half, rel=0.03)
     assert found.slip_opt == pytest.approx(fit.peak.slip, rel=1e-3)
+
+
+def test_the_interval_of_curves_is_that_of_their_mixture_on_the_logarithm():
+    found = _mixture([(0.3, 0.015, 6.0, 0.7), (0.4, 0.01, 11.0, 0.3)])
+
+    def share_below(level):
+        first, second = np.log(level / 0.3) / 0.05, np.log(level / 0.4) / 0.025
+        return 0.7 * t.cdf(first, 6) + 0.3 * t.cdf(second, 11)
+
+    truth = [brentq(lambda m, p=p: share_below(m) - p, 0.1, 0.9) for p in (0.5, 0.025, 0.975)]
+    np.testing.assert_allclose(found, truth, rtol=1e-9)

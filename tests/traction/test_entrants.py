@@ -282,6 +282,18 @@ def test_slew_and_bounds_hold_whatever_is_asked_for():
     assert asked.max() <= 0.5 + 1e-12
 
 
+def test_the_sliding_seeker_asks_for_its_slip_behind_a_critically_damped_tracker():
+    seeker = dataclasses.replace(SEEKERS["sliding-extremum"], rise=0.0)  # so that v* stays
+    signals = signals_of(0.1, 0.2)
+    state = seeker.init(PLANT, signals)._replace(asked=jnp.full(1, 0.31))
+    for _ in range(25):
+        state, asked = seeker.update(state, PLANT, signals, PERIOD)
+    turned = 60.0 * 25 * PERIOD
+    left = 0.3 * np.exp(-turned)
+    np.testing.assert_allclose(asked.slip, 0.31 - (1 + turned) * left, rtol=1e-12)
+    np.testing.assert_allclose(asked.rate, 60.0 * turned * left, rtol=1e-12)
+
+
 def test_perturb_and_observe_climbs_and_stays():
     """On the curve itself, with the slip that it asks for one sample later."""
     seeker = PerturbAndObserve(step=0.004, window=0.01, start=0.03, lowest=0.01, highest=0.6)

@@ -201,6 +201,11 @@ def test_the_limit_of_rk4_is_where_its_polynomial_has_the_size_one():
     assert moved[0] < 1 < moved[1]
 
 
+def test_eight_axles_of_thirty_tonnes_pull_by_their_weight():
+    found = plant_of("hxd1f").pull(jnp.full(1, 0.3))
+    assert float(found) == pytest.approx(0.3 * 8 * 30e3 * 9.81, rel=1e-9)
+
+
 def test_torque_is_limited_by_torque_and_by_power():
     plant = plant_of("hxd1f")
     slow, fast = jnp.full(1, 10.0), jnp.full(1, 400.0)

@@ -154,8 +154,8 @@ def test_without_adhesion_the_printed_resistance_alone_is_to_be_overcome():
     assert np.sqrt(2 * 19 * effect * found) == pytest.approx(1109.8 / 81357.19, rel=1e-4)
 
 
-def test_beyond_its_barrier_the_controller_of_the_hxd1f_is_stable_from_sample_to_sample():
-    """Its gain is not to exceed 1/period, from where on an error changes its sign in one sample."""
+def errors_under_the_barrier(first, samples):
+    """The error of the slip of the HXD1F from sample to sample, from a first one on."""
     plant = read_plant(shipped()["hxd1f"]).plant
     barrier = dataclasses.replace(CONTROLLERS["barrier"], least=-1e6)
     none, period = jnp.zeros(1), SYSTEMS["hxd1f"].control_period
@@ -170,10 +170,21 @@ def test_beyond_its_barrier_the_controller_of_the_hxd1f_is_stable_from_sample_to
         _, torque = barrier.update((), plant, signals, period)
         return error + period * (lever * torque - train)
 
-    course = [none + 5 * barrier.above]
-    for _ in range(300):
+    course = [none + first]
+    for _ in range(samples):
         course.append(after(course[-1]))
-    course = np.ravel(course)
+    return np.ravel(course)
+
+
+def test_within_its_barrier_an_error_falls_to_a_third_in_fifty_milliseconds():
+    """By exp(-k t) near to the reference, k = 20 1/s."""
+    course = errors_under_the_barrier(1e-4, 50)
+    assert course[-1] / course[0] == pytest.approx(np.exp(-1), rel=0.02)
+
+
+def test_beyond_its_barrier_the_controller_of_the_hxd1f_is_stable_from_sample_to_sample():
+    """Its gain is not to exceed 1/period, from where on an error changes its sign in one sample."""
+    course = errors_under_the_barrier(5 * CONTROLLERS["barrier"].above, 300)
     assert np.all(course > 0)
     assert np.all(np.diff(course) < 0)
     assert course[-1] < 0.01 * course[0]
