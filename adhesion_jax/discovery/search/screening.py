@@ -203,13 +203,14 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
     pulled, ends = x * null.residual[:, None], null.firsts
     runs = firsts_of_runs(null.inside)
     scores, given = np.add.reduceat(pulled, ends, axis=0), _given(null.basis, x, ends)
-    variance_of = _variance if ends.size == runs.size else partial(_of_stretches, ends, runs)
+    at = np.searchsorted(ends, runs)
+    variance_of = _of_runs if ends.size == runs.size else partial(_of_stretches, at)
     z = np.empty(len(blocks))
     for place, (block, some) in enumerate(zip(blocks, ranges, strict=True)):
         products = np.add.reduceat(block[:, :, None] * block[:, None, :], ends, axis=0)
-        variance, freedom = variance_of(scores[:, some], products, given[:, :, some])
+        variance, *freedom = variance_of(scores[:, some], products, given[:, :, some])
         ratio = np.sum(scores[:, some].sum(axis=0) ** 2) / variance
-        z[place] = -ndtri(np.clip(fdtrc(block.shape[1], freedom, ratio), 1e-300, 1 - 1e-12))
+        z[place] = -ndtri(np.clip(fdtrc(*freedom, ratio), 1e-300, 1 - 1e-12))
     pieces = np.add.reduceat(pulled, stretches(null, 0.0), axis=0)
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(len(pieces), FLIPS))
     squares = (pieces.T @ signs) ** 2 / np.maximum((pieces**2).sum(axis=0), 1e-300)[:, None]
@@ -224,14 +225,15 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
 
 
 def _variance(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[float, float]:
-    """The variance of the sum b of the scores u [runs, directions], and its degrees of freedom.
+    """The variance of the sum b of the scores u [clusters, directions], and its degrees of freedom.
 
     `products` are X_r'X_r, `given` the scores N_r'X_r of what is given, N. Of independent errors of
     variance one the u_r - X_r'X_r b of a direction have the covariance D - W W', where D are the
-    shares of the runs in the probe, and W their scores of N and X. Each is enlarged to variance D;
-    with K the covariance then, the sum of their squares has (tr K)^2/tr K^2 degrees of freedom.
+    shares of the clusters in the probe, and W their scores of N and X. Each is enlarged to variance
+    D; with K the covariance then, the sum of their squares has (tr K)^2/tr K^2 degrees of freedom,
+    here their mean over the directions.
     """
-    scores = np.concatenate([given, products], axis=1)  # [runs, given and own, directions]
+    scores = np.concatenate([given, products], axis=1)  # [clusters, given and own, directions]
     shares = np.diagonal(products, axis1=1, axis2=2)
     held = (scores**2).sum(axis=1)
     weight = 1 / np.maximum(1 - held / np.maximum(shares, 1e-300), _LEAST_LEFT)
@@ -243,33 +245,39 @@ def _variance(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[f
     freedom = float(np.mean(trace**2 / np.maximum(square, 1e-300)))
     left = float((weight * (u - products @ u.sum(axis=0)) ** 2).sum())
     variance = trace.size * left / max(float(trace.sum()), 1e-300)
-    return max(variance, 1e-300), max(freedom, 1.0) * np.sqrt(trace.size)
+    return max(variance, 1e-300), max(freedom, 1.0)
+
+
+def _of_runs(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[float, float, float]:
+    """`_variance` by runs, and the degrees of freedom of |b|^2 and of it."""
+    variance, freedom = _variance(u, products, given)
+    return variance, float(u.shape[1]), freedom * np.sqrt(u.shape[1])
 
 
 def _of_stretches(
-    ends: np.ndarray, runs: np.ndarray, u: np.ndarray, products: np.ndarray, given: np.ndarray
-) -> tuple[float, float]:
-    """`_variance` by stretches with those first points, and what whole runs scatter beyond it.
+    at: np.ndarray, u: np.ndarray, products: np.ndarray, given: np.ndarray
+) -> tuple[float, float, float]:
+    """`_variance` by stretches, and the degrees of freedom of |b|^2 and of it.
 
-    Stretches are not quite independent: their scores are enlarged, and the effect is not, so that
-    what is given widens the variance. That of whole runs counts where it is larger (Satterthwaite
+    `at` is the first stretch of each run. Whole runs count where they scatter more (Satterthwaite
     1946, Biometrics Bulletin 2, 110-114).
+
+    Noise that is slower than a probe moves the directions within a stretch together, so that they
+    tell the variance no better than one of them, and smooth directions further than others: with V
+    the covariance of b, |b|^2 has (tr V)^2/tr V^2 degrees of freedom (Box 1954, Annals of
+    Mathematical Statistics 25, 290-302). Both are sums over pairs of different stretches, since one
+    stretch has one direction, whatever V is.
     """
-    shares = np.diagonal(products, axis1=1, axis2=2)
-    share = (given**2).sum(axis=1) / np.maximum(shares, 1e-300)
-    left = u / np.sqrt(np.maximum(1 - share, _LEAST_LEFT)) - products @ u.sum(axis=0)
-    at = np.searchsorted(ends, runs)
-    variance, more = (
-        float((one**2).sum()) * len(one) / (len(one) - 1)
-        for one in (left, np.add.reduceat(left, at, axis=0))
-    )
-    more = max(more - variance, 0.0)
-    freedom, of_runs = (
-        max(float(np.mean(1 / (one**2).sum(axis=0))) - 1, 1.0) * np.sqrt(u.shape[1])
-        for one in (shares, np.add.reduceat(shares, at, axis=0))
-    )
-    unsure = variance**2 / freedom + more**2 / of_runs
-    return max(variance + more, 1e-300), (variance + more) ** 2 / max(unsure, 1e-300)
+    whole = (np.add.reduceat(one, at, axis=0) for one in (u, products, given))
+    (variance, freedom), (of_runs, few) = _variance(u, products, given), _variance(*whole)
+    total = max(variance, of_runs)
+    share = variance / total
+    left = u - products @ u.sum(axis=0)
+    crossed = left @ left.T
+    own = np.diag(crossed)
+    square = np.sum(crossed**2) - own @ own
+    free = np.clip((own.sum() ** 2 - own @ own) / max(square, 1e-300), 1.0, u.shape[1])
+    return total, free, 1 / (share**2 / freedom + (1 - share) ** 2 / few)
 
 
 def _given(basis: np.ndarray, x: np.ndarray, runs: np.ndarray) -> np.ndarray:
