@@ -45,6 +45,13 @@ def functions(
     slip: Float[ArrayLike, "*shape"], reach: Scalar, largest: Scalar, count: int = FUNCTIONS
 ) -> Float[Array, "*shape functions"]:
     """The first `count` functions of a departure at these slips."""
-    size = jnp.minimum(jnp.abs(slip), largest)
-    place = jnp.log1p(size / reach) / jnp.log1p(largest / reach)
+    place = place_of(slip, reach, largest)
     return jnp.sin(jnp.pi * (jnp.arange(count) + 0.5) * place[..., None])
+
+
+def place_of(
+    slip: Float[ArrayLike, "*shape"], reach: Scalar, largest: Scalar
+) -> Float[Array, "*shape"]:
+    """The place u of these slips, from 0 to 1."""
+    size = jnp.minimum(jnp.abs(slip), largest)
+    return jnp.log1p(size / reach) / jnp.log1p(largest / reach)

@@ -1,5 +1,6 @@
 """Rails from files: the curve of an identification, the law of a discovery."""
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,6 +26,7 @@ from adhesion_jax.effects.slip_bias import SlipBias
 from adhesion_jax.effects.torque_offset import TorqueOffset
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA
+from adhesion_jax.measured.tabulated import peaked, tabulated
 from adhesion_jax.traction.families.base import SPEED, Family
 from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
 from adhesion_jax.traction.signals import Number, PerAxle
@@ -153,10 +155,14 @@ class LawRails(Family):
     surface: RailSurface  # of a steady law where there are effects
 
     def draw(self, key: PRNGKeyArray, step: float) -> Rails:
-        surfaces = stacked([self.surface])
-        if isinstance(self.surface.law, Steady):
-            return Remembering(surfaces)
-        return ByTime(surfaces, jnp.zeros(1, dtype=int))
+        law, in_ratio = self.surface.law, self.surface.in_ratio
+        if isinstance(law, Steady):
+            quick = dataclasses.replace(law.law, curve=tabulated(law.law.curve))
+            steady = Steady(quick, law.columns)
+            return Remembering(stacked([RailSurface(steady, in_ratio)]))
+        limit = SLIP_LIMIT if in_ratio else SLIP_VELOCITY_LIMIT
+        surface = RailSurface(peaked(tabulated(law), limit), in_ratio)
+        return ByTime(stacked([surface]), jnp.zeros(1, dtype=int))
 
 
 def rails_of_curves(path: Path) -> Family:
