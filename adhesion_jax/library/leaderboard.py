@@ -309,7 +309,7 @@ def traction_leaderboard(
 def _families(
     rails: str | Sequence[str | PathLike[str]] | None, law: str | PathLike[str] | None
 ) -> Mapping[str, Family]:
-    """The rails by name: a file of curves goes by its own."""
+    """The rails by name: a file goes by its path as it is given."""
     if rails is None:
         rails = [] if law else [next(iter(FAMILIES))]
     found: dict[str, Family] = {}
@@ -317,12 +317,12 @@ def _families(
         if str(one) in FAMILIES:
             found[str(one)] = FAMILIES[str(one)]
         elif Path(one).suffix == ".csv":
-            found[Path(one).stem] = rails_of_curves(Path(one))
+            found[str(one)] = rails_of_curves(Path(one))
         else:
             raise InputError(
                 f"There are no rails {one}; name {listed([*FAMILIES], 'or')}, or a curves.csv."
             )
-    return {**found, **({} if law is None else {Path(law).stem: rails_of_law(Path(law))})}
+    return {**found, **({} if law is None else {str(law): rails_of_law(Path(law))})}
 
 
 def _entrants(methods: str | Sequence[str] | Mapping[str, Any] | None) -> dict[str, Entrant]:

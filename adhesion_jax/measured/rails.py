@@ -149,10 +149,15 @@ class Remembering(Rails):
 class LawRails(Family):
     """A law along the whole run, with what its effects remember; nothing is drawn."""
 
-    TITLE = "the law that was identified or discovered, along the whole run"
+    TITLE = "a law from a file, along the whole run; all runs differ in their noise alone"
     SEGMENTS: ClassVar[int] = 1
 
     surface: RailSurface  # of a steady law where there are effects
+
+    @property
+    def drawn_as(self) -> str:
+        """All laws have the same noise, so that they can be compared run by run."""
+        return "law"
 
     def draw(self, key: PRNGKeyArray, step: float) -> Rails:
         law, in_ratio = self.surface.law, self.surface.in_ratio

@@ -12,6 +12,7 @@ import adhesion_jax as aj
 from adhesion_jax.campaign.store import FOLDER
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.program import adhesion
+from adhesion_jax.curves import Burckhardt
 from adhesion_jax.leaderboard.table import COLUMNS
 from adhesion_jax.library.leaderboard import LEADERBOARD_FILES
 from adhesion_jax.traction.controllers import CONTROLLERS
@@ -84,6 +85,26 @@ def test_what_was_interrupted_goes_on_to_the_same_numbers(written):
         aj.InputError, match="holds another job: --budget of tuning is 2 there and 3 here"
     ):
         aj.traction_leaderboard(methods, **{**QUICK, "budget": 3}, out=out, resume=True)
+
+
+@pytest.mark.thorough
+def test_two_files_of_one_name_are_two_rails(tmp_path):
+    paths = {}
+    for name, level in (("dry", 0.4), ("wet", 0.2)):
+        paths[name] = tmp_path / name / "curves.csv"
+        paths[name].parent.mkdir()
+        paths[name].write_text("curve,rms\n")
+        columns = {"log.csv": [{"column": "slip", "taken_as": "slip_ratio"}]}
+        (tmp_path / name / "metadata.json").write_text(json.dumps({"columns": columns}))
+        aj.save_law(tmp_path / name / "law.json", Burckhardt(c1=level, c2=80.0, c3=0.5))
+    found = aj.traction_leaderboard(
+        "constant-slip", rails=[*paths.values()], runs=1, budget=1, duration=0.2
+    )
+    pull = found.table[found.table["method"] == "true-optimum"].set_index("rails")["pull"]
+    dry, wet = (pull[str(path)] for path in paths.values())
+    assert 1.5 < dry / wet < 2.1
+    rows = found.segments[found.segments["method"] == "constant-slip"]
+    assert rows.groupby("rails").size().tolist() == [6, 6]
 
 
 REFUSED = {

@@ -362,3 +362,7 @@ def test_the_report_tells_in_kilonewton_what_rails_hold_and_what_is_left_of_it()
     assert "The rails hold 400 kN, of which most leaves 2.0 kN and least leaves 40.0 kN un" in words
     (alone,) = when(table[:1])
     assert "The rails hold 400 kN, of which most leaves 2.0 kN unused." in alone
+    # One that cleans its rail by slip pulls more than another leaves on its own.
+    table.loc[0, "pull"] += 20 * 0.995
+    (cleaned,) = when(table)
+    assert "The rails hold 400 to 420 kN, of which most leaves 2.1 kN and least" in cleaned

@@ -122,6 +122,11 @@ def test_the_peak_is_that_at_the_moment_and_without_a_lag(tmp_path):
     np.testing.assert_allclose(found.adhesion, cleaned * float(bare.adhesion), rtol=1e-6)
 
 
+def test_all_laws_are_drawn_with_the_same_noise(tmp_path):
+    laws = rails_of_law(saved(tmp_path)), rails_of_law(saved(tmp_path, EFFECTS["cleaning"]))
+    assert laws[0].drawn_as == laws[1].drawn_as is not None
+
+
 def test_what_is_of_the_measurement_is_not_on_the_rail(tmp_path):
     effects = made("lag", time_constant=0.4), made("torque_offset", offset=0.01)
     rails = rails_of_law(saved(tmp_path, *effects)).draw(KEY, 1e-4)
