@@ -9,7 +9,7 @@ class Lag(Lagging):
         source="any filtered signal",
         described={"time_constant": ("s", 0.0, 20.0, "time constant of the filter")},
         strengths=("time_constant",),
-        starts=tuple({"time_constant": time} for time in (0.05, 0.2, 0.6, 1.5)),
+        starts=tuple({"time_constant": time} for time in (0.05, 0.2, 0.6, 1.5, 5.0, 15.0)),
         needs=("time_s",),
         sentence="The adhesion signal passes a first-order filter.",
         formula="T dmu/dt + mu = mu_steady, T in s",

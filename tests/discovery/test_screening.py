@@ -5,6 +5,7 @@ import pytest
 from discovery_campaigns import (
     POINTS,
     RUNS,
+    SIZE,
     TRUE,
     alone,
     campaign,
@@ -36,6 +37,7 @@ from adhesion_jax.discovery.search.screening import (
 )
 from adhesion_jax.effects import Covariate, Labels, Memory, Spline
 from adhesion_jax.effects.shape import ACTS_ON
+from experiments.campaigns.simulator import SetNoise, simulate
 
 
 @pytest.fixture(scope="module")
@@ -208,6 +210,17 @@ def test_runs_alike_are_held_against_students_t():
     t = stats.ttest_ind(u[:6], u[6:])[0]
     assert (group @ e / 12**0.5) ** 2 / variance == pytest.approx(t**2)
     assert freedom == pytest.approx(10)
+
+
+def test_a_lag_that_hides_its_curve_is_told_by_the_slip_before():
+    """Of 15 s in runs of 10 s: the fitted curve is nearly flat, and no lag of it explains much."""
+    hidden = SetNoise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)
+    made = simulate(["lag"], seed=367, base="exponential", noise=hidden, strength=0.5, **SIZE)
+    fitted = alone(made.train)
+    (lag,) = [one for one in library_of(fitted.setting.problem) if one.name == "lag"]
+    (score,) = screen([(null_of(fitted, within=True), [lag])], seed=5)
+    assert score.p <= rules.SIGNIFICANT
+    assert score.start.time_constant == made.parameters["lag"]["time_constant"]
 
 
 def test_z_of_one_direction_is_the_deviate_of_its_f(null, table):

@@ -16,6 +16,8 @@ from adhesion_jax.discovery.model.packing import apart, words_of
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
+from adhesion_jax.effects.api import Conditions
+from adhesion_jax.effects.dynamic import Lagging
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.programs import kept
 
@@ -31,6 +33,9 @@ _NEIGHBOURS = 4
 #: About this number of stretches of all runs have signs of their own; those that take the place of
 #: the runs are at least this number of times as long as the noise remembers.
 _STRETCHES, _MEMORIES = 160, 3.0
+
+#: Rates c of two curves 1 - exp(-c slip) between which that of an adhesion lies which a lag hides.
+_HIDDEN = (15.0, 100.0)
 
 #: Directions shorter than this, beside those before them, are none of their own.
 _OWN = 1e-6
@@ -189,7 +194,37 @@ def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.
     Returns a mask of the probes that can be tested [probes]; the components [points, probes], each
     of length one, zero for the others, in units of the noise.
     """
-    flat = beside_levels(null, signals(null, probes))
+    return _beside(null, signals(null, probes))
+
+
+def of_hidden_curves(null: Null, lag: Lagging) -> np.ndarray:
+    """Components, as of `directions_of`, of what a lag would change if the curve were another.
+
+    Where adhesion hardly follows the slip the fitted curve is nearly flat, and a lag of it nothing.
+    """
+    data = null.fitted.setting.problem.data
+    slip = np.asarray(data.slip)
+    curves = np.stack([np.sign(slip) * -np.expm1(-rate * np.abs(slip)) for rate in _HIDDEN])
+    changes = np.asarray(_lagged(type(lag), vars(lag), curves, data.conditions)) - curves
+    return _beside(null, (null.fitted.setting.root * changes)[:, null.inside].T)[1]
+
+
+@kept(static=(0,))
+def _lagged(
+    kind: type[Lagging],
+    numbers: Mapping[str, Scalar],
+    curves: Float[Any, "curves runs points"],
+    conditions: Mapping[str, Float[Any, "runs points"]],
+) -> Float[Array, "curves runs points"]:
+    def of_run(curve: Array, conditions: Conditions) -> Array:
+        return kind(**numbers).after(curve, curve, conditions)
+
+    return jax.vmap(jax.vmap(of_run), in_axes=(0, None))(curves, conditions)
+
+
+def _beside(null: Null, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`directions_of` the changes [points, probes] of a prediction."""
+    flat = beside_levels(null, flat)
     before = np.linalg.norm(flat, axis=0)
     flat = flat - null.basis @ (null.basis.T @ flat)
     left = np.linalg.norm(flat, axis=0)

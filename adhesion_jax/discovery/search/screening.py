@@ -15,10 +15,12 @@ from adhesion_jax.discovery.search.probes import (
     Null,
     directions_of,
     firsts_of_runs,
+    of_hidden_curves,
     split,
     stretches,
 )
 from adhesion_jax.effects import Effect, Spline
+from adhesion_jax.effects.dynamic import Lagging
 
 #: Number of random choices of signs under which all that is looked at is compared.
 FLIPS = 1999
@@ -163,7 +165,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
     testable, flat = directions_of(null, probes)
     blocks, places = [], []
     ends = firsts_of_runs(null.inside)
-    for place in range(len(starts)):
+    for place, (_, start) in enumerate(starts):
         own = np.flatnonzero((owner == place) & testable)
         block = orthonormal(flat[:, own])
         # What rests on a few runs is not tested: so few do not say how much they scatter.
@@ -173,8 +175,10 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         if not block.shape[1] or float(carried.mean()) < _FEWEST_RUNS:
             continue
         forms = [block]
-        if block.shape[1] > _SMOOTHEST and isinstance(starts[place][1], Spline):
+        if block.shape[1] > _SMOOTHEST and isinstance(start, Spline):
             forms.append(block[:, :_SMOOTHEST])
+        if isinstance(start, Lagging):
+            forms.append(orthonormal(of_hidden_curves(null, start)))
         # Of a surface the plain product of both columns, too.
         forms += [flat[:, [one]] for one in own if getattr(probes[one], "k11", 0) != 0]
         blocks += forms
