@@ -181,6 +181,7 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
             forms.append(orthonormal(of_hidden_curves(null, start)))
         # Of a surface the plain product of both columns, too.
         forms += [flat[:, [one]] for one in own if getattr(probes[one], "k11", 0) != 0]
+        forms = [form for form in forms if form.shape[1]]
         blocks += forms
         places += [place] * len(forms)
     if not blocks:
