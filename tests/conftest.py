@@ -19,8 +19,12 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, max_exa
 settings.load_profile("repeatable")
 
 # Most tests run once what they compile; programs that name a level of their own keep it. Without
-# the fusion emitters loops take half as long again to run, and half as long to compile.
-_QUICK = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+# the fusion emitters loops take half as long again to run, and half as long to compile. And a
+# program is not parted for several threads to compile: that takes a tenth longer in all.
+_QUICK = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+    " --xla_cpu_parallel_codegen_split_count=1"
+)
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_QUICK}".strip()
 
 # There are as many workers as cores: more threads than that wait for each other by turning.

@@ -156,15 +156,16 @@ def _at_many(
     parts = []
     for first in range(0, points, size):
         some = slice(first, first + size)
-        lacking = max(first + size - points, 0)
-
-        def filled(column: np.ndarray, some: slice = some, lacking: int = lacking) -> np.ndarray:
-            return np.pad(column[some], (0, lacking), mode="edge") if lacking else column[some]
-
-        columns = {name: filled(column) for name, column in conditions.items()}
-        told = np.asarray(_bare(curve, np.asarray(free, float), filled(slip), columns))
-        parts.append(told[:, : size - lacking])
+        columns = {name: _filled(column[some], size) for name, column in conditions.items()}
+        told = _bare(curve, np.asarray(free, float), _filled(slip[some], size), columns)
+        parts.append(np.asarray(told)[:, : points - first])
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+
+def _filled(column: np.ndarray, size: int) -> np.ndarray:
+    """The column, with its last number repeated up to this size."""
+    lacking = size - column.size
+    return np.pad(column, (0, lacking), mode="edge") if lacking else column
 
 
 @kept(compiler={"xla_backend_optimization_level": "1", **QUICKLY})

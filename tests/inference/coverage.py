@@ -26,7 +26,7 @@ from stranger_runs import CELLS, draw
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
 }
 QUANTITIES = ("mu_max", "slip_opt")
 COLUMNS = (
