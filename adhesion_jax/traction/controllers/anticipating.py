@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
 from adhesion_jax.traction.driver import lowered
-from adhesion_jax.traction.filters import lagged
+from adhesion_jax.traction.filters import Swing, lagged
 from adhesion_jax.traction.plants.base import Plant, limited
 from adhesion_jax.traction.signals import PerAxle, Setting, Signals
 
@@ -20,6 +20,10 @@ _MEMORY, _FADE = 3.0, 0.02
 #: The longest delay that is believed, s, and the rate of torque in N m/s of which it is learned.
 _LONGEST, _LIVELY = 0.04, 1e3
 
+#: A drive later than known by this time, a third of a turn at 30 Hz, drives the twist that it would
+#: damp, s; and the least torque that swings are weighed against, as a share of the largest.
+_LATE, _LEAST = 0.01, 0.1
+
 
 class AnticipatingState(NamedTuple):
     command: PerAxle  # as the drive may follow it, N m
@@ -28,6 +32,7 @@ class AnticipatingState(NamedTuple):
     asked: PerAxle  # sum of (T_cmd - T) dT/dt, which fades
     moved: PerAxle  # sum of (dT/dt)^2
     coming: PerAxle  # torque times time that was commanded and has not come, N m s
+    swing: Swing  # of the torque wanted
 
 
 class Anticipating(Controller):
@@ -36,7 +41,9 @@ class Anticipating(Controller):
     q is the integral of T_cmd - T, T as the drive reports it, and fades towards d T: torque that is
     commanded and has not come. Whatever lag and dead time the drive has, (i J/r) dz^ = T_cmd - T_L
     for a constant load. d is the delay of the drive by least squares that forget, from
-    T_cmd - T = d dT/dt, not below the known lag; k = min(gain, share/d).
+    T_cmd - T = d dT/dt, not below the known lag; k = min(gain, share/d). As d grows beyond the
+    known lag, strong swings of T in the band of an axle's twist are taken out of it: a torque that
+    would damp them drives them where it is late.
     """
 
     gain: Setting  # 1/s
@@ -47,7 +54,7 @@ class Anticipating(Controller):
 
     def init(self, nominal: Plant, signals: Signals) -> AnticipatingState:
         none = jnp.zeros_like(signals.slip)
-        return AnticipatingState(none, none, none, none, none, none)
+        return AnticipatingState(none, none, none, none, none, none, Swing(none, none, none, none))
 
     def update(
         self, state: AnticipatingState, nominal: Plant, signals: Signals, period: float
@@ -70,7 +77,10 @@ class Anticipating(Controller):
         turning = nominal.gear_ratio * nominal.inertia / nominal.radius
         error = signals.slip - wanted.slip + (coming - delay * signals.load) / turning
         gain = jnp.minimum(self.gain, self.share / delay)
-        torque = sign * torque_for(nominal, signals, wanted.rate - gain * error)
-        torque = sign * jnp.maximum(torque, self.least * nominal.torque_limit)
+        torque = torque_for(nominal, signals, wanted.rate - gain * error)
+        swing = state.swing.after(torque, period)
+        late = jnp.minimum((delay - known) / _LATE, 1.0)
+        torque = torque - late * swing.strength(_LEAST * nominal.torque_limit) * swing.band
+        torque = sign * jnp.maximum(sign * torque, self.least * nominal.torque_limit)
         acting = limited(nominal, lowered(signals.demand, torque), signals.motor_speed)
-        return AnticipatingState(acting, command, smooth, asked, moved, coming), torque
+        return AnticipatingState(acting, command, smooth, asked, moved, coming, swing), torque

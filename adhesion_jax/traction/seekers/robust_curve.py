@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from adhesion_jax.traction.box import Range
-from adhesion_jax.traction.filters import lagged
+from adhesion_jax.traction.filters import Swing, lagged
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.seekers.base import Peak, Seeker
 from adhesion_jax.traction.seekers.offset_curve import (
@@ -30,7 +30,11 @@ _SURE = 0.15
 
 #: Where slip went beyond so many times v* meanwhile, the axle chattered: so much of v* is left, and
 #: it may rise again with this time constant in s.
-_AWAY, _LESS, _LIFTED = 2.0, 0.9, 10.0
+_AWAY, _LESS, _LIFTED = 2.0, 0.85, 20.0
+
+#: The least adhesion that swings are weighed against, and how long in s an axle has chattered until
+#: nothing is learned of it: a drive that is not late ends it sooner by what is learned.
+_LEAST, _LONG = 0.03, 0.1
 
 #: v* stays until this share of it has been seen as slip.
 _SEEN = 0.5
@@ -53,6 +57,8 @@ class RobustCurveState(NamedTuple):
     usual: PerAxle  # square of the misfit, with a lag
     before: Doubted
     ceiling: PerAxle  # of v*, m/s
+    swing: Swing  # of adhesion
+    rings: PerAxle  # for so long it has swung strongly, s
 
 
 class RobustCurve(Seeker):
@@ -62,7 +68,8 @@ class RobustCurve(Seeker):
     on a steep curve noise of slip is a misfit of adhesion. Past the peak the contact drives the
     torsion of an axle, whose slip breaks away and comes back without a change of the rail: where
     the samples after .15 s lie on the old curve it is taken up again, and v* stays below what it
-    was. Where v* is not yet half seen, as while the drive answers late, it stays.
+    was. As long as adhesion swings v* does not rise, and after .1 s of that nothing is learned
+    until it is over. Where v* is not yet half seen, as while the drive answers late, it stays.
     """
 
     curve: OffsetCurve
@@ -73,7 +80,8 @@ class RobustCurve(Seeker):
 
     def init(self, nominal: Plant, signals: Signals) -> RobustCurveState:
         curve, none = self.curve.init(nominal, signals), jnp.zeros_like(signals.slip)
-        return RobustCurveState(curve, none, _doubted(curve), none + jnp.inf)
+        still = Swing(none, none, none, none)
+        return RobustCurveState(curve, none, _doubted(curve), none + jnp.inf, still, none)
 
     def update(
         self, state: RobustCurveState, nominal: Plant, signals: Signals, period: float
@@ -86,6 +94,11 @@ class RobustCurve(Seeker):
         slip, adhesion = (
             signals.direction * one for one in (signals.slip_beside, signals.adhesion)
         )
+
+        swing = state.swing.after(adhesion, period)
+        rings = jnp.where(swing.strength(_LEAST) > 0.5, state.rings + period, 0.0)
+        held = (rings > _LONG) & (curve.since < _SURE)
+        curve = curve._replace(since=jnp.where(held, 0.0, curve.since))
 
         before = state.before
         misfit = lagged(before.misfit, adhesion - before.curve.of(slip), _MISFIT, period)
@@ -100,7 +113,7 @@ class RobustCurve(Seeker):
         taken_back = due & before.known & (before.worst < most)
         away = before.furthest > _AWAY * before.asked
         left = jnp.where(away, _LESS, 1.0) * before.asked
-        ceiling = jnp.where(due, jnp.inf, state.ceiling * (1 + period / _LIFTED))
+        ceiling = jnp.where(due & ~taken_back, jnp.inf, state.ceiling * (1 + period / _LIFTED))
         ceiling = jnp.where(taken_back & away, left, ceiling)
         unseen = ~changed & (curve.seen[1] < _SEEN * old.asked)
         wanted = jnp.where(unseen, old.asked, curve.asked)
@@ -108,10 +121,12 @@ class RobustCurve(Seeker):
             sums=_chosen(taken_back, before.sums, curve.sums),
             curve=_chosen(taken_back, before.curve, curve.curve),
             known=curve.known | taken_back,
-            asked=jnp.minimum(jnp.where(taken_back, left, wanted), ceiling),
+            asked=jnp.minimum(
+                jnp.where(taken_back, left, wanted), jnp.where(rings > 0, old.asked, ceiling)
+            ),
         )
         usual = lagged(state.usual, jnp.minimum(curve.misfit**2, most), _USUAL, period)
-        return RobustCurveState(curve, usual, before, ceiling), asked
+        return RobustCurveState(curve, usual, before, ceiling, swing, rings), asked
 
     def identified(self, state: RobustCurveState) -> Peak:
         return self.curve.identified(state.curve)
