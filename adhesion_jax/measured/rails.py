@@ -35,6 +35,9 @@ from adhesion_jax.traction.surface import RailSurface, highest, per
 #: Effects of the measurement, which a train on the rail does not meet.
 _OF_MEASURING = (SlipBias, TorqueOffset, Inertia, Lag, Delay)
 
+#: Up to how many times the slip of a curve's own peak that of the curve with effects is sought.
+_BEYOND = 8.0
+
 
 class Steady(Law):
     """A law in its steady state, whose columns but the speed of the train have one value."""
@@ -60,6 +63,7 @@ class Remembered(Law):
     law: CorrectedLaw
     columns: Mapping[str, Scalar]
     memory: Memory  # of each axle
+    end: Scalar
 
     def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
         columns = {**self.columns, **conditions}
@@ -73,18 +77,21 @@ class Remembered(Law):
         return each(self.memory, slip)
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
-        """That of the law without a lag, since what lags has no peak at a moment."""
+        """That of the law without a lag, since what lags has no peak at a moment.
+
+        It is sought up to the slip `end`.
+        """
         prompt = tuple(effect for effect in self.law.effects if not isinstance(effect, Lagging))
         law = CorrectedLaw(self.law.curve, prompt, self.law.ranges, self.law.calendar)
         # Effects that lag are applied last, and so are their memories.
-        now = Remembered(law, self.columns, self.memory[: len(prompt)])
+        now = Remembered(law, self.columns, self.memory[: len(prompt)], self.end)
         of_axles = jax.tree.leaves(self.memory)
         axles = len(of_axles[0]) if of_axles else 1
 
         def adhesion(slip: Float[Array, " axles"]) -> Float[Array, " axles"]:
             return now(slip, conditions)
 
-        end = jnp.full(axles, slip_limit)
+        end = jnp.full(axles, self.end)
         slip = highest(adhesion, end)
         found = adhesion(slip)
         return Peak(slip, found, found > (1 + 1e-9) * adhesion(end))
@@ -98,6 +105,7 @@ class Remembering(Rails):
     """
 
     surfaces: RailSurface  # one, of a steady law
+    end: Number  # the slip that the law takes up to which a peak is sought
 
     @property
     def segments(self) -> int:
@@ -127,7 +135,7 @@ class Remembering(Rails):
     def present(
         self, state: Kept, segment: Int[Array, ""], step: Int[Array, ""], train_speed: Number
     ) -> RailSurface:
-        law = Remembered(*self._at(state.time, state.distance), state.memory)
+        law = Remembered(*self._at(state.time, state.distance), state.memory, self.end)
         return RailSurface(law, self.surfaces.in_ratio)
 
     def _at(self, time: Number, distance: Number) -> tuple[CorrectedLaw, dict[str, Scalar]]:
@@ -161,11 +169,12 @@ class LawRails(Family):
 
     def draw(self, key: PRNGKeyArray, step: float) -> Rails:
         law, in_ratio = self.surface.law, self.surface.in_ratio
+        limit = SLIP_LIMIT if in_ratio else SLIP_VELOCITY_LIMIT
         if isinstance(law, Steady):
             quick = dataclasses.replace(law.law, curve=tabulated(law.law.curve))
-            steady = Steady(quick, law.columns)
-            return Remembering(stacked([RailSurface(steady, in_ratio)]))
-        limit = SLIP_LIMIT if in_ratio else SLIP_VELOCITY_LIMIT
+            own = law.law.curve.peak({"vehicle_speed_mps": SPEED}, limit)
+            steady = RailSurface(Steady(quick, law.columns), in_ratio)
+            return Remembering(stacked([steady]), jnp.minimum(_BEYOND * own.slip, limit))
         surface = RailSurface(peaked(tabulated(law), limit), in_ratio)
         return ByTime(stacked([surface]), jnp.zeros(1, dtype=int))
 

@@ -122,6 +122,20 @@ def test_the_peak_is_that_at_the_moment_and_without_a_lag(tmp_path):
     np.testing.assert_allclose(found.adhesion, cleaned * float(bare.adhesion), rtol=1e-6)
 
 
+@pytest.mark.parametrize("stiffness", [20.0, 150.0, 1000.0])
+def test_a_peak_in_slip_velocity_is_found_however_small_it_is(tmp_path, stiffness):
+    path = saved(tmp_path, EFFECTS["cleaning"], curve=Burckhardt(c1=0.3, c2=stiffness, c3=0.15))
+    metadata(tmp_path, "slip_velocity_mps", "adhesion")
+    rails = rails_of_law(path).draw(KEY, 1e-4)
+    found = rails.present(rails.init(jnp.array([0.1]), SPEED), NOW, NOW, SPEED).peak(SPEED)
+    # d/dv [c1 (1 - exp(-c2 v)) - c3 v] = 0
+    best = np.log(0.3 * stiffness / 0.15) / stiffness
+    np.testing.assert_allclose(found.slip, best, rtol=1e-3)
+    np.testing.assert_allclose(
+        found.adhesion, 0.3 * (1 - np.exp(-stiffness * best)) - 0.15 * best, rtol=1e-6
+    )
+
+
 def test_all_laws_are_drawn_with_the_same_noise(tmp_path):
     laws = rails_of_law(saved(tmp_path)), rails_of_law(saved(tmp_path, EFFECTS["cleaning"]))
     assert laws[0].drawn_as == laws[1].drawn_as is not None
