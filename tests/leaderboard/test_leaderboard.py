@@ -22,7 +22,7 @@ from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, w
 from adhesion_jax.leaderboard.terms import SAMPLED, Grid, Versions, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points, tuned
 from adhesion_jax.metrics.closed_loop import FIGURES
-from adhesion_jax.report.leaderboard.page import when
+from adhesion_jax.report.leaderboard.page import verdict, when
 from adhesion_jax.traction.entrants import ENTRANTS, sought
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.plants.reading import read_plant, shipped
@@ -347,6 +347,25 @@ def test_a_version_changes_with_the_source_that_its_numbers_depend_on(module, of
     assert {name for name in Versions._fields if getattr(before, name) != getattr(after, name)} == {
         of
     }
+
+
+def test_the_verdict_tells_the_share_of_a_method_once():
+    rows = [
+        {
+            "method": name,
+            "utilisation": share,
+            "torque_variation": torque,
+            "slip_energy_share": slip,
+        }
+        for name, share, torque, slip in (("most", 0.99, 2.0, 0.1), ("calm", 0.97, 1.0, 0.2))
+    ]
+    table = pd.DataFrame(rows).assign(
+        rails="r", remark="", dominated_by="", worst=0.9, utilisation_se=0.001, failed=0
+    )
+    words = verdict(table.assign(promised_z=0.0, seeds_apart=0.0), "r")
+    assert words.startswith("On r rails, most and calm are not dominated: ")
+    assert words.count("99.00 ± 0.10 %") == words.count("97.00 ± 0.10 %") == 1
+    assert words.endswith("“most” has the least slip energy of them.")
 
 
 def test_the_report_tells_in_kilonewton_what_rails_hold_and_what_is_left_of_it():

@@ -52,7 +52,7 @@ def leaderboard_page(
     """`told` is what was asked for, as the metadata have it."""
     sections = [Section("Which method when", [Items(when(table))], boxed=True)]
     for rails, part in table.groupby("rails", sort=False):
-        title = f"Rails: {told['rails'].get(rails, rails)}"
+        title = f"Rails {rails}: {told['rails'].get(rails, rails)}"
         sections.append(Section(title, [table_of_rows(part, _FIRST), table_of_rows(part, _SECOND)]))
     sections.append(Section("Figures", pictures("leaderboard", CAPTIONS["leaderboard"])))
     first = table[table["rails"] == table["rails"].iloc[0]]
@@ -76,7 +76,7 @@ def verdict(table: pd.DataFrame, rails: str) -> str:
         return f"On {rails} rails no method can be ranked."
     kept = fair[fair["dominated_by"] == ""]
     words = [
-        f"On {rails} rails {listed([*kept['method']])} "
+        f"On {rails} rails, {listed([*kept['method']])} "
         f"{'is' if len(kept) == 1 else 'are'} not dominated: no other method has a larger "
         "utility at price 1 together with less torque variation and less slip energy."
     ]
@@ -87,9 +87,8 @@ def verdict(table: pd.DataFrame, rails: str) -> str:
     )
     for cost, what in zip(COSTS, ("torque variation", "slip energy"), strict=True):
         least = _row_of(kept, top(kept, cost, least=True))
-        words.append(
-            f"{_quoted(least['method'])} has the least {what} of them, and uses {_share(least)}."
-        )
+        uses = "" if least["method"] == most["method"] else f", and uses {_share(least)}"
+        words.append(f"{_quoted(least['method'])} has the least {what} of them{uses}.")
     return " ".join([*words, *doubts(table)])
 
 
