@@ -13,6 +13,7 @@ from adhesion_jax.campaign.store import FOLDER
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.program import adhesion
 from adhesion_jax.curves import Burckhardt
+from adhesion_jax.leaderboard.runs import _runs
 from adhesion_jax.leaderboard.table import COLUMNS
 from adhesion_jax.library.leaderboard import LEADERBOARD_FILES
 from adhesion_jax.traction.controllers import CONTROLLERS
@@ -39,7 +40,10 @@ def mine():
 def written(tmp_path_factory):
     out = tmp_path_factory.mktemp("board") / "out"
     methods = {"mine": mine(), "constant-slip": ENTRANTS["constant-slip"]}
-    return out, aj.traction_leaderboard(methods, **QUICK, out=out)
+    with pytest.MonkeyPatch.context() as patch:
+        # So short runs take less time than their programs take to compile.
+        patch.setitem(_runs.options, "xla_backend_optimization_level", "0")
+        yield out, aj.traction_leaderboard(methods, **QUICK, out=out)
 
 
 def test_a_board_has_its_files_and_a_row_for_each_method(written):

@@ -22,8 +22,14 @@ ONLINE = [
     name for name, one in IDENTIFIERS.items() if one.accepts(scenario_of(STREAM).known) is None
 ]
 
+#: Those that compile quickly.
+QUICK = ("rls-kiencke-variable", "riv")
 
-@pytest.mark.parametrize("name", lanes(ONLINE, always=2, thorough=len(ONLINE)))
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in ONLINE],
+)
 def test_a_loop_has_the_numbers_of_a_campaign(name, monkeypatch):
     scenario = scenario_of(STREAM)
     tiles = Tiles(STREAM, scenario)
