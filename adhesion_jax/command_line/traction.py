@@ -43,6 +43,13 @@ class Rails(Names):
         return tuple(file.convert(one.strip(), param, ctx) for one in value.split(","))
 
 
+def _parts(option: str, kind: str, what: str, several: bool = False) -> Any:
+    """An option for parts of a loop that ship or are one's own, by their names."""
+    of = Names if several else Name
+    words = f"{what}: {', '.join(NAMES[kind])}, FILE.py:NAME."
+    return click.option(f"--{option}", type=of(NAMES[kind], kind[:-1]), help=words)
+
+
 @command(
     "traction --system hxd1f",
     "traction --system fang2018 --runs 0 --controller rate-feedback --out out/eq8",
@@ -59,26 +66,10 @@ class Rails(Names):
     type=File(NAMES["plants"], f"name a TOML file or {', '.join(NAMES['plants'])}"),
     help=f"A TOML file, or a plant that ships: {', '.join(NAMES['plants'])}.",
 )
-@click.option(
-    "--observer",
-    type=Name(NAMES["observers"], "observer"),
-    help=f"Instead of the paper's: {', '.join(NAMES['observers'])}, FILE.py:NAME.",
-)
-@click.option(
-    "--seeker",
-    type=Name(NAMES["seekers"], "seeker"),
-    help=f"Instead of the paper's: {', '.join(NAMES['seekers'])}, FILE.py:NAME.",
-)
-@click.option(
-    "--controller",
-    type=Names(NAMES["controllers"], "controller"),
-    help=f"Instead of the paper's, side by side: {', '.join(NAMES['controllers'])}, FILE.py:NAME.",
-)
-@click.option(
-    "--methods",
-    type=Names(NAMES["entrants"], "entrant"),
-    help=f"Of the leaderboard (all): {', '.join(NAMES['entrants'])}, FILE.py:NAME.",
-)
+@_parts("observer", "observers", "Instead of the paper's")
+@_parts("seeker", "seekers", "Instead of the paper's")
+@_parts("controller", "controllers", "Instead of the paper's, side by side", several=True)
+@_parts("methods", "entrants", "Of the leaderboard (all)", several=True)
 @click.option(
     "--rails",
     type=Rails(NAMES["families"]),

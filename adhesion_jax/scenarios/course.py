@@ -15,6 +15,11 @@ from adhesion_jax.metrics.information import information_along, information_of
 from adhesion_jax.scenarios.excitation import Excitation, Reached
 from adhesion_jax.scenarios.noise import Noise
 
+Mask = Bool[Array, "blocks points"]
+Slopes = Float[Array, "blocks free points"]  # of adhesion by each parameter
+Way = Float[Array, "blocks points free"]  # of the parameters
+Products = Float[Array, "blocks free free"]
+
 
 class Group(NamedTuple):
     """Blocks whose estimates are pooled into one row of a table.
@@ -61,7 +66,7 @@ class Course(eqx.Module):
         """The values of such a signal at the end of each block."""
 
     @abstractmethod
-    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+    def seen(self) -> tuple[Mask, Mask]:
         """The points that a block has, and those of them that no block before has."""
 
     @abstractmethod
@@ -70,13 +75,8 @@ class Course(eqx.Module):
 
     @abstractmethod
     def information(
-        self,
-        sensitivity: Float[Array, "blocks free points"],
-        mask: Bool[Array, "blocks points"],
-        noise: Noise,
-        rails: Sequence[str],
-        path: Float[Array, "blocks points free"] | None,
-    ) -> Float[Array, "blocks free free"]:
+        self, sensitivity: Slopes, mask: Mask, noise: Noise, rails: Sequence[str], path: Way | None
+    ) -> Products:
         """J'J over those points, J made white as the noise is by `Noise.whitened`.
 
         `path` are the parameters of a rail that drifts, at each point.
@@ -95,13 +95,8 @@ class EachByItself(Course):
     """Every block has all the points that an estimate after it can use."""
 
     def information(
-        self,
-        sensitivity: Float[Array, "blocks free points"],
-        mask: Bool[Array, "blocks points"],
-        noise: Noise,
-        rails: Sequence[str],
-        path: Float[Array, "blocks points free"] | None,
-    ) -> Float[Array, "blocks free free"]:
+        self, sensitivity: Slopes, mask: Mask, noise: Noise, rails: Sequence[str], path: Way | None
+    ) -> Products:
         return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
             sensitivity, mask
         )
@@ -123,7 +118,7 @@ class Apart(EachByItself):
     def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
         return signal[:, -1]
 
-    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+    def seen(self) -> tuple[Mask, Mask]:
         every = jnp.ones(self.shape, dtype=bool)
         return every, every
 
@@ -166,7 +161,7 @@ class Growing(EachByItself):
     def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
         return signal[np.array(self.lengths) - 1]
 
-    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+    def seen(self) -> tuple[Mask, Mask]:
         mask = jnp.arange(self.lengths[-1]) < jnp.array(self.lengths)[:, None]
         return mask, mask & ~jnp.roll(mask, 1, axis=0).at[0].set(False)
 
@@ -207,7 +202,7 @@ class Followed(Course):
     def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
         return signal[REPORT - 1 :: REPORT]
 
-    def seen(self) -> tuple[Bool[Array, "blocks points"], Bool[Array, "blocks points"]]:
+    def seen(self) -> tuple[Mask, Mask]:
         every = jnp.ones((self.points // REPORT, REPORT), dtype=bool)
         return every, every
 
@@ -216,17 +211,9 @@ class Followed(Course):
         return REPORT * np.concatenate([np.arange(1, length + 1) for length in lengths])
 
     def information(
-        self,
-        sensitivity: Float[Array, "blocks free points"],
-        mask: Bool[Array, "blocks points"],
-        noise: Noise,
-        rails: Sequence[str],
-        path: Float[Array, "blocks points free"] | None,
-    ) -> Float[Array, "blocks free free"]:
-        def of_stretch(
-            sensitivity: Float[Array, "blocks free points"],
-            path: Float[Array, "blocks points free"] | None,
-        ) -> Float[Array, "blocks free free"]:
+        self, sensitivity: Slopes, mask: Mask, noise: Noise, rails: Sequence[str], path: Way | None
+    ) -> Products:
+        def of_stretch(sensitivity: Slopes, path: Way | None) -> Products:
             along = jnp.swapaxes(sensitivity, 0, 1).reshape(sensitivity.shape[1], -1)
             way = None if path is None else path.reshape(-1, len(along)).T
             return information_along(noise.whitened(along), way, noise.sigma, REPORT)
