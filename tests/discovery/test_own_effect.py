@@ -6,6 +6,7 @@ import pytest
 from discovery_campaigns import TRUE, campaign, curve, noise, setting_of
 
 from adhesion_jax.discovery.model.fitting import fit_model
+from adhesion_jax.discovery.model.levenberg_marquardt import fit
 from adhesion_jax.discovery.model.packing import base_places
 from adhesion_jax.effects import EFFECTS, Covariate
 from adhesion_jax.effects.api import Facts, Multiplier, Scalar
@@ -43,6 +44,8 @@ def test_an_effect_that_is_named_after_a_fit_is_fitted_and_its_next_version_too(
     setting = setting_of(table, 0.006)
     first = fit_model(setting, "burckhardt", TRUE, (Covariate(0.0, 0.0, 0.6, column="warm"),))
     before = base_places("burckhardt")
+    # Of these programs each fits once.
+    monkeypatch.setitem(fit.options, "xla_backend_optimization_level", "0")
     for kind, strength in ((Warmth, 0.1), (Doubled, 0.05)):
         monkeypatch.setitem(EFFECTS, "Warmth", kind)
         found = fit_model(setting_of(table, 0.006), "burckhardt", TRUE, (kind(0.01),))
