@@ -53,6 +53,11 @@ class Swing(NamedTuple):
     level: PerAxle
     energy: PerAxle  # mean square of the band
 
+    @staticmethod
+    def still(signal: PerAxle) -> "Swing":
+        """Before the first period, from zero, of as many axles."""
+        return Swing(*4 * (jnp.zeros_like(signal),))
+
     @property
     def band(self) -> PerAxle:
         """That part of the signal, in phase and in full at 30 Hz."""

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from lanes import lanes
+from one_sample import PLANT, signals_of
 from scipy.optimize import minimize_scalar
 
 from adhesion_jax.curves.burckhardt import Burckhardt
@@ -22,7 +23,6 @@ from adhesion_jax.traction.entrants import ENTRANTS, box, configured, numbers, s
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.loop import Loop, check, timing, trace
 from adhesion_jax.traction.observers import OBSERVERS
-from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
 from adhesion_jax.traction.seekers.of_numpy import seeker_of_numpy
@@ -33,7 +33,6 @@ from adhesion_jax.traction.sensors import Sensors, SpeedNoise
 from adhesion_jax.traction.signals import Reference, Signals
 from adhesion_jax.traction.surface import RailSurface
 
-PLANT = read_plant(shipped()["hxd1f"]).plant
 STEP, PERIOD = 2e-4, 1e-3
 KEY = jax.random.key(0)
 CURVE = Burckhardt(0.3, 25.0, 0.6)
@@ -66,25 +65,6 @@ def run(entrant, rails, duration=0.3):
     loop = loop_of(entrant, rails)
     check(loop)
     return _trace(loop, timing(loop, STEP, PERIOD, duration), KEY)
-
-
-def signals_of(slip, adhesion):
-    """What a seeker is given where slip and adhesion are these, of one axle."""
-    slip, adhesion = jnp.atleast_1d(slip), jnp.atleast_1d(adhesion)
-    load = PLANT.load_of(adhesion)
-    speed = jnp.asarray(5.0)
-    return Signals(
-        time=jnp.asarray(0.0),
-        demand=jnp.full(1, 13e3),
-        motor_speed=PLANT.gear_ratio * (speed + slip) / PLANT.radius,
-        train_speed=speed,
-        slip=slip,
-        torque=load,
-        load=load,
-        adhesion=adhesion,
-        slip_beside=slip,
-        optimum=None,
-    )
 
 
 def fed(seeker, slips, adhesions, offset=0.0):

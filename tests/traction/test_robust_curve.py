@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from one_sample import PLANT, signals_of
 
 from adhesion_jax.campaign.loops import figures_of
 from adhesion_jax.leaderboard.disturbances import disturbances
@@ -16,39 +17,15 @@ from adhesion_jax.traction.entrants import ENTRANTS
 from adhesion_jax.traction.filters import Swing
 from adhesion_jax.traction.loop import run
 from adhesion_jax.traction.observers.full_dimension import FullDimension
-from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.seekers import SEEKERS
 from adhesion_jax.traction.seekers.offset_curve import OffsetCurve
 from adhesion_jax.traction.sensors import Sensors
-from adhesion_jax.traction.signals import Reference, Signals
 from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import terms_of
 
-PLANT = read_plant(shipped()["hxd1f"]).plant
 SEEKER, CONTROLLER = SEEKERS["robust-curve"], CONTROLLERS["anticipating"]
 PERIOD = 1e-3
-STILL = Swing(*[jnp.zeros(1)] * 4)
-
-
-def signals_of(slip, adhesion, torque, wanted=0.1):
-    """A sample of one axle at 5 m/s."""
-    slip, adhesion, torque, wanted = (
-        jnp.reshape(jnp.asarray(one, dtype=float), 1) for one in (slip, adhesion, torque, wanted)
-    )
-    speed = jnp.asarray(5.0)
-    return Signals(
-        time=jnp.asarray(0.0),
-        demand=jnp.full(1, 13e3),
-        motor_speed=PLANT.gear_ratio * (speed + slip) / PLANT.radius,
-        train_speed=speed,
-        slip=slip,
-        torque=torque,
-        load=PLANT.load_of(adhesion),
-        adhesion=adhesion,
-        slip_beside=slip,
-        optimum=None,
-        reference=Reference(wanted, jnp.zeros(1)),
-    )
+STILL = Swing.still(jnp.zeros(1))
 
 
 @pytest.mark.parametrize("frequency", [3.0, 30.0, 45.0, 70.0, 200.0])
@@ -76,6 +53,18 @@ def test_the_band_has_the_frequency_response_of_its_two_lags(frequency):
         assert abs(response) == pytest.approx(1.0, abs=0.03)
         np.testing.assert_allclose(np.mean(energy[-1000:]), (0.4 * 7.0) ** 2, rtol=1e-3)
         assert float(np.mean(strength[-1000:])) == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_level_is_reached_in_fifty_milliseconds_and_a_swing_fades_in_a_hundred():
+    swing = STILL
+    for _ in range(50):
+        swing = swing.after(jnp.ones(1), PERIOD)
+    assert float(swing.level[0]) == pytest.approx(1 - np.exp(-1))
+    # A signal that stands where both lags are has no band, and what swung before is forgotten.
+    swing = Swing(*(jnp.ones(1) for _ in STILL))
+    for _ in range(100):
+        swing = swing.after(jnp.ones(1), PERIOD)
+    assert float(swing.energy[0]) == pytest.approx(np.exp(-1))
 
 
 def test_a_swing_is_weighed_against_the_least_level():
@@ -119,6 +108,54 @@ def test_a_strong_swing_is_taken_out_of_a_torque_that_is_late_and_of_no_other():
     assert strong < 0.15 * 10 * weak
     load = PLANT.load_of(jnp.full(1, 0.1))[0]
     np.testing.assert_allclose(commanded(10, 0.1).mean(), load, rtol=2e-3)
+
+
+def test_half_of_a_swing_is_taken_out_where_the_drive_is_five_milliseconds_late():
+    """As strong as it is against a tenth of the largest torque, where the level is less."""
+    signals, sure = signals_of(0.1, 0.1, 500.0), jnp.full(1, 1e12)
+    known = float(PLANT.torque_lag + PLANT.dead_time)
+    state = CONTROLLER.init(PLANT, signals)._replace(moved=sure, asked=(known + 0.005) * sure)
+    wanted = []
+    for band in (0.0, 300.0):
+        swing = STILL._replace(fast=jnp.full(1, band), energy=jnp.full(1, 3e5))
+        after, torque = CONTROLLER.update(state._replace(swing=swing), PLANT, signals, PERIOD)
+        strong = after.swing.energy[0] / (0.4 * 0.1 * PLANT.torque_limit) ** 2
+        assert abs(float(after.swing.level[0])) < 0.1 * float(PLANT.torque_limit)
+        taken = 0.5 * strong**2 / (1 + strong**2) * after.swing.band[0]
+        wanted.append(float(torque[0] + taken))
+    assert float(after.swing.band[0]) > 500
+    assert wanted[1] == pytest.approx(wanted[0], rel=1e-6)
+
+
+def judged(**state):
+    """The state of the seeker a period later, on a sample that lies on its curve of no adhesion."""
+    signals = signals_of(0.1, 0.0)
+    whole = SEEKER.init(PLANT, signals)
+    curve = whole.curve._replace(since=jnp.full(1, state.pop("since", 1.0)))
+    state = {name: jnp.full(1, one) for name, one in state.items()}
+    before = {name: state.pop(name) for name in ("known", "asked", "furthest") if name in state}
+    swing = STILL._replace(energy=state.pop("energy", jnp.zeros(1)))
+    whole = whole._replace(
+        curve=curve, swing=swing, before=whole.before._replace(**before), **state
+    )
+    return SEEKER.update(whole, PLANT, signals, PERIOD)[0]
+
+
+def test_a_ceiling_rises_within_twenty_seconds_and_is_set_fifteen_per_cent_below():
+    assert float(judged(ceiling=0.1).ceiling[0]) == pytest.approx(0.1 + 0.1 * PERIOD / 20, rel=1e-9)
+    broke_away = judged(since=0.1495, known=True, asked=0.1, furthest=0.3)
+    assert float(broke_away.ceiling[0]) == pytest.approx(0.085)
+    stayed = judged(since=0.1495, known=True, asked=0.1, furthest=0.15)
+    assert np.isinf(stayed.ceiling[0])
+
+
+def test_a_swing_counts_from_twelve_thousandths_of_adhesion_on_and_stops_learning_after_a_tenth():
+    one_period = np.exp(PERIOD / 0.1)  # in which an energy fades
+    strong, weak = (one * one_period for one in (0.0122**2, 0.0118**2))
+    assert float(judged(energy=strong, rings=0.05).rings[0]) == pytest.approx(0.051)
+    assert float(judged(energy=weak, rings=0.05).rings[0]) == 0
+    assert float(judged(energy=strong, rings=0.0985, since=0.05).curve.since[0]) > 0.05
+    assert float(judged(energy=strong, rings=0.0995, since=0.05).curve.since[0]) == 0
 
 
 def test_braking_is_traction_with_all_signs_turned():

@@ -54,7 +54,7 @@ class Anticipating(Controller):
 
     def init(self, nominal: Plant, signals: Signals) -> AnticipatingState:
         none = jnp.zeros_like(signals.slip)
-        return AnticipatingState(none, none, none, none, none, none, Swing(none, none, none, none))
+        return AnticipatingState(none, none, none, none, none, none, Swing.still(none))
 
     def update(
         self, state: AnticipatingState, nominal: Plant, signals: Signals, period: float

@@ -80,8 +80,8 @@ class RobustCurve(Seeker):
 
     def init(self, nominal: Plant, signals: Signals) -> RobustCurveState:
         curve, none = self.curve.init(nominal, signals), jnp.zeros_like(signals.slip)
-        still = Swing(none, none, none, none)
-        return RobustCurveState(curve, none, _doubted(curve), none + jnp.inf, still, none)
+        swing = Swing.still(none)
+        return RobustCurveState(curve, none, _doubted(curve), none + jnp.inf, swing, none)
 
     def update(
         self, state: RobustCurveState, nominal: Plant, signals: Signals, period: float
