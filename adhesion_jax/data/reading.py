@@ -256,8 +256,8 @@ def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
     there = ", ".join(sheet.columns[:_TOLD]) or "no column"
     more = " ..." if len(sheet.columns) > _TOLD else ""
     asked = [one.clause for one in found.questions if {*one.quantities} & SOURCES]
-    questions = f"; please say {'; '.join(asked)}" if asked else ""
-    return f"{'; '.join(missing)} (there are {there}{more}){questions}"
+    asked = asked or ['which column it is (--column "QUANTITY=COLUMN [UNIT]")']
+    return f"{'; '.join(missing)} (there are {there}{more}); please say {'; '.join(asked)}"
 
 
 def _format_notes(

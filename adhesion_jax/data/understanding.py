@@ -170,6 +170,9 @@ def _quantity(key: str) -> str:
     word = plain(key)
     if key in COLUMNS or key in LABELS:
         return key
+    for name, column in COLUMNS.items():
+        if word == plain(column.plain):
+            return name
     if word in UNDECIDED:
         raise InputError(
             f"{key} does not tell of which body it is; write "

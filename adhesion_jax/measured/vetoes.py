@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from adhesion_jax.data.plausible import at_half, bins_of, exchanged, no_contact_has, roughness
 from adhesion_jax.inference.fit import MeasuredFit
@@ -89,9 +89,9 @@ def passages(points: Points, rows: Rows) -> int:
     return max(counts)
 
 
-#: Most points of a bin that count as independent; medians differ that are this multiple of their
-#: errors apart.
-_TELLING, _APART = 12, 4.5
+#: Most points of a bin that count as independent; medians differ whose scatter chance makes more
+#: rarely.
+_TELLING, _BY_CHANCE = 12, 1e-4
 
 #: Least share of the largest adhesion by which the curve rises among the points.
 _RISE = 0.1
@@ -147,7 +147,7 @@ def judged(
     clearly_late = late if sweeps > _ONE_EVENT else ""
     found = [_no_adhesion(points), clearly_late or exchanged(points.slip, points.adhesion)]
     if not any(found):
-        other = _independent(points) or _no_rise(points, fit) or _passed_by(points, fit)
+        other = independent_of_slip(points) or _no_rise(points, fit) or _passed_by(points, fit)
         found.append(late if other and late else other)
     if np.all(fit.held):
         found.append("Every parameter of the curve is held at a bound or has no influence.")
@@ -198,12 +198,23 @@ def _median(values: np.ndarray) -> tuple[float, float]:
     return middle, 1.25 * scatter / np.sqrt(min(values.size, _TELLING))
 
 
-def _independent(points: Points) -> str:
-    """Whether the medians of adhesion over bins of slip are alike within their errors."""
-    medians = [_median(points.adhesion[group]) for group in bins_of(points.slip)]
+def independent_of_slip(points: Points) -> str:
+    """Whether the medians of adhesion over bins of slip are alike within their errors (chi^2).
+
+    The error is that of the scatter about a line through the points of a bin, for a rise within it
+    is no noise. By chance the scatter of few points is small: it counts as no less than the usual.
+    """
+    medians, errors = [], []
+    for group in bins_of(points.slip):
+        slip = points.slip[group] - points.slip[group].mean()
+        adhesion = points.adhesion[group]
+        about = adhesion - slip * (slip @ adhesion) / max(slip @ slip, 1e-300)
+        medians.append(float(np.median(adhesion)))
+        errors.append(_median(about)[1] * np.sqrt(group.size / (group.size - 2)))
     if len(medians) > 1:
-        low, high = min(medians), max(medians)
-        if high[0] - low[0] > _APART * float(np.hypot(low[1], high[1])):
+        weights = np.maximum(errors, max(float(np.median(errors)), 1e-12)) ** -2.0
+        apart = np.array(medians) - np.average(medians, weights=weights)
+        if chi2.sf(weights @ apart**2, len(medians) - 1) < _BY_CHANCE:
             return ""
     return (
         "These points show no dependence on slip: one number "

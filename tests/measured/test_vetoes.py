@@ -1,0 +1,57 @@
+"""Whether points depend on slip at all is told by how far medians of bins lie apart."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import binom
+
+import adhesion_jax as aj
+from adhesion_jax.measured.vetoes import Points, independent_of_slip
+
+
+def points(slip, adhesion):
+    nothing = np.zeros_like(slip)
+    return Points(slip, adhesion, nothing, nothing, nothing)
+
+
+def rising(slip, height=0.3, place=0.02):
+    return height * 2 * (slip / place) / (1 + (slip / place) ** 2)
+
+
+@pytest.mark.parametrize("count", [30, 60, 400])
+def test_few_points_on_the_rise_show_that_adhesion_depends_on_slip(count):
+    """A glance sees it: the noise of .02 is a fifteenth of the peak."""
+    draws = np.random.default_rng(count)
+    said = 0
+    for _ in range(200):
+        slip = 0.2 * draws.uniform(size=count) ** 2
+        said += bool(independent_of_slip(points(slip, rising(slip) + draws.normal(0, 0.02, count))))
+    assert said <= 200 * 0.01
+
+
+@pytest.mark.parametrize("count", [20, 60, 400])
+@pytest.mark.parametrize("passes", [0, 6])
+def test_noise_is_seldom_taken_for_a_dependence(count, passes):
+    """Of slips by chance with white noise, and of six passes with noise of an AR(1) of .8."""
+    draws = np.random.default_rng(count + passes)
+    taken = 0
+    for _ in range(200):
+        slip, noise = 0.2 * draws.uniform(size=count), draws.normal(size=count)
+        if passes:
+            slip = 0.2 * np.abs(np.sin(np.linspace(0, passes * np.pi, count)))
+            for row in range(1, count):
+                noise[row] = 0.8 * noise[row - 1] + 0.6 * noise[row]
+        taken += not independent_of_slip(points(slip, 0.2 + 0.03 * noise))
+    assert taken <= binom.ppf(0.999, 200, 0.02)
+
+
+def test_a_plateau_with_few_points_before_it_is_no_level():
+    """A tenth of sixty points lie on the rise of .42 x / (1 + x^2)^.5, the noise is .008."""
+    draws = np.random.default_rng(1)
+    slip = np.sort(draws.uniform(0, 0.2, 60))
+    adhesion = 0.42 * (slip / 0.02) / np.hypot(1, slip / 0.02) + draws.normal(0, 0.008, 60)
+    found = aj.identify(
+        pd.DataFrame({"slip_ratio": slip, "adhesion": adhesion}), ("kiencke", "polach")
+    )
+    assert found.vetoes == ()
+    assert found.mu_max_interval[0] <= 0.42
