@@ -1,4 +1,4 @@
-"""The catalogue. A new effect is one file here and one line in EFFECTS."""
+"""The catalogue. A new effect is one class here, in a file of its like, and a line in EFFECTS."""
 
 from collections import ChainMap
 from collections.abc import Mapping, MutableMapping
@@ -7,42 +7,24 @@ from typing import cast
 from adhesion_jax.effects.api import Cause as Cause
 from adhesion_jax.effects.api import Columns as Columns
 from adhesion_jax.effects.api import Effect as Effect
-from adhesion_jax.effects.axle_position import AxlePosition
-from adhesion_jax.effects.cleaning import Cleaning
-from adhesion_jax.effects.contact_heating import ContactHeating
-from adhesion_jax.effects.delay import Delay
-from adhesion_jax.effects.drift import Drift
-from adhesion_jax.effects.falling_friction import FallingFriction
-from adhesion_jax.effects.humidity import Humidity
-from adhesion_jax.effects.hysteresis import Hysteresis
-from adhesion_jax.effects.inertia import Inertia
-from adhesion_jax.effects.interaction import Interaction as Interaction
+from adhesion_jax.effects.contact import Cleaning, Hysteresis, Relaxation, Sanding
 from adhesion_jax.effects.labels import Labels as Labels
-from adhesion_jax.effects.lag import Lag
-from adhesion_jax.effects.lateral_creep import LateralCreep
-from adhesion_jax.effects.load_peak import LoadPeak
-from adhesion_jax.effects.load_slope import LoadSlope
-from adhesion_jax.effects.load_transfer import LoadTransfer
-from adhesion_jax.effects.mode_asymmetry import ModeAsymmetry
+from adhesion_jax.effects.load import LoadPeak, LoadSlope, LoadTransfer
 from adhesion_jax.effects.one_column import Covariate as Covariate
 from adhesion_jax.effects.one_column import Memory as Memory
 from adhesion_jax.effects.one_column import Periodic as Periodic
+from adhesion_jax.effects.one_column import Spline as Spline
 from adhesion_jax.effects.one_column import Threshold as Threshold
-from adhesion_jax.effects.patch import Patch
-from adhesion_jax.effects.product import Product as Product
-from adhesion_jax.effects.rail_joint import RailJoint
-from adhesion_jax.effects.relaxation import Relaxation
-from adhesion_jax.effects.sanding import Sanding
 from adhesion_jax.effects.shape import ShapeTerm as ShapeTerm
-from adhesion_jax.effects.slip_bias import SlipBias
-from adhesion_jax.effects.slip_speed import SlipSpeed
-from adhesion_jax.effects.speed import Speed
-from adhesion_jax.effects.spline import Spline as Spline
-from adhesion_jax.effects.surface import Surface as Surface
-from adhesion_jax.effects.temperature import Temperature
-from adhesion_jax.effects.torque_offset import TorqueOffset
-from adhesion_jax.effects.track_curve import CurveOfTrack
-from adhesion_jax.effects.wheel_order import WheelOrder
+from adhesion_jax.effects.signals import Delay, Inertia, Lag, SlipBias, TorqueOffset
+from adhesion_jax.effects.slip_velocity import ContactHeating, FallingFriction, SlipSpeed, Speed
+from adhesion_jax.effects.surroundings import Drift, Humidity, Temperature
+from adhesion_jax.effects.track import CurveOfTrack, LateralCreep, Patch
+from adhesion_jax.effects.two_columns import Interaction as Interaction
+from adhesion_jax.effects.two_columns import Product as Product
+from adhesion_jax.effects.two_columns import Surface as Surface
+from adhesion_jax.effects.vehicle import AxlePosition, ModeAsymmetry
+from adhesion_jax.effects.wave import RailJoint, WheelOrder
 
 #: The physical causes by their names. One of your own is searched for from when it is put here.
 EFFECTS: MutableMapping[str, type[Cause]] = {

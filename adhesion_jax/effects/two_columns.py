@@ -1,12 +1,14 @@
-"""What functions of two columns share: both on -1 to 1 by shares of the data; their parameters."""
+"""Forms of effects over two columns."""
 
 from collections.abc import Mapping
 from itertools import combinations
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.effects.api import Columns, Scalar, Values
-from adhesion_jax.effects.shape import share_below
+from adhesion_jax.effects.api import Columns, Conditions, Form, Scalar, Values
+from adhesion_jax.effects.shape import ShapeTerm, share_below
 
 #: The mean and the spread of both columns, and the columns they are references in.
 SCALES: Mapping[str, tuple[str, float, float, str]] = {
@@ -34,3 +36,147 @@ def at_corners(*degrees: tuple[int, int]) -> np.ndarray:
     u, v = (side.ravel() for side in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
     values = [(np.ones_like(place), place, 1.5 * place**2 - 0.5) for place in (u, v)]
     return np.stack([values[0][i] * values[1][j] for i, j in degrees], axis=1)
+
+
+class Product(ShapeTerm):
+    """g = k (y - y0) (z - z0)/(s_y s_z), y and z two columns, s their spreads.
+
+    y0 and z0 are found with k, so that the term of one column alone is in it.
+    """
+
+    k: Scalar
+    first_centre: Scalar
+    second_centre: Scalar
+    first_scale: Scalar
+    second_scale: Scalar
+    first: str = eqx.field(static=True)
+    second: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="first mixed term of any smooth dependence",
+        described={
+            "k": ("1", -3.0, 3.0, "change of g per spread of both columns"),
+            "first_centre": ("1", -1e12, 1e12, "centre of the first, in spreads"),
+            "second_centre": ("1", -1e12, 1e12, "centre of the second, in spreads"),
+            "first_scale": ("column", 1e-12, 1e12, "spread of the first"),
+            "second_scale": ("column", 1e-12, 1e12, "spread of the second"),
+        },
+        strengths=("k",),
+        references={"first_scale": "first", "second_scale": "second"},
+        formula="g = k (y - y0) (z - z0)/(s_y s_z), y and z two columns, s their spreads",
+        phrase="a joint dependence on {}",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        first = conditions[self.first] / self.first_scale - self.first_centre
+        second = conditions[self.second] / self.second_scale - self.second_centre
+        return jnp.asarray(self.k * first * second)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return 1.5**2 * at_corners((1, 1))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        scales = {name: float(np.std(z)) for name, z in columns.items()}
+        centres = {name: float(np.mean(z)) / scales[name] for name, z in columns.items()}
+        return [
+            cls(0.02, centres[one], centres[other], scales[one], scales[other], one, other)
+            for one, other in combinations(columns, 2)
+        ]
+
+
+class Interaction(ShapeTerm):
+    """g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials.
+
+    u and v are the columns on -1 to 1 by the share of the data below them.
+    """
+
+    k11: Scalar
+    k12: Scalar
+    k21: Scalar
+    k22: Scalar
+    first_mean: Scalar
+    first_spread: Scalar
+    second_mean: Scalar
+    second_spread: Scalar
+    first: str = eqx.field(static=True)
+    second: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="mixed terms of any smooth dependence up to the second degree in each column",
+        described={
+            **{
+                f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}")
+                for i in (1, 2)
+                for j in (1, 2)
+            },
+            **SCALES,
+        },
+        strengths=("k11", "k12", "k21", "k22"),
+        references=REFERENCES,
+        formula="g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials",
+        phrase="a joint dependence on {}",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        u, u2 = legendre(conditions[self.first], self.first_mean, self.first_spread)
+        v, v2 = legendre(conditions[self.second], self.second_mean, self.second_spread)
+        return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return at_corners((1, 1), (1, 2), (2, 1), (2, 2))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        return [cls(0.02, 0.0, 0.0, 0.0, *pair) for pair in pairs(columns)]
+
+
+#: Degrees of the polynomials in u and in v.
+_DEGREES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+
+
+class Surface(ShapeTerm):
+    """g = k10 P_1(u) + k01 P_1(v) + k20 P_2(u) + k11 P_1(u) P_1(v) + k02 P_2(v).
+
+    P are the Legendre polynomials; u and v are the columns on -1 to 1
+    by the share of the data below them.
+    """
+
+    k10: Scalar
+    k01: Scalar
+    k20: Scalar
+    k11: Scalar
+    k02: Scalar
+    first_mean: Scalar
+    first_spread: Scalar
+    second_mean: Scalar
+    second_spread: Scalar
+    first: str = eqx.field(static=True)
+    second: str = eqx.field(static=True)
+
+    FACTS = Form(
+        source="any smooth function of two columns up to the second degree",
+        described={
+            **{f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}") for i, j in _DEGREES},
+            **SCALES,
+        },
+        strengths=tuple(f"k{i}{j}" for i, j in _DEGREES),
+        references=REFERENCES,
+        formula="g = k10 P_1(u) + k01 P_1(v) + k20 P_2(u) + k11 P_1(u) P_1(v) + k02 P_2(v)",
+        phrase="a smooth dependence on {}",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        u, u2 = legendre(conditions[self.first], self.first_mean, self.first_spread)
+        v, v2 = legendre(conditions[self.second], self.second_mean, self.second_spread)
+        return self.k10 * u + self.k01 * v + self.k20 * u2 + self.k11 * u * v + self.k02 * v2
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return at_corners(*_DEGREES)
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        return [cls(0.02, 0.02, 0.02, 0.02, 0.02, *pair) for pair in pairs(columns)]

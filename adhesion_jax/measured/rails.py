@@ -15,15 +15,11 @@ from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar, Signa
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.effects.api import Value
 from adhesion_jax.effects.conditions import NOMINAL_RADIUS
-from adhesion_jax.effects.delay import Delay
 from adhesion_jax.effects.dynamic import Lagging
-from adhesion_jax.effects.inertia import Inertia
-from adhesion_jax.effects.lag import Lag
 from adhesion_jax.effects.law import CorrectedLaw, Memory
 from adhesion_jax.effects.one_column import Memory as ColumnMemory
 from adhesion_jax.effects.saved import load_law
-from adhesion_jax.effects.slip_bias import SlipBias
-from adhesion_jax.effects.torque_offset import TorqueOffset
+from adhesion_jax.effects.signals import Delay, Inertia, Lag, SlipBias, TorqueOffset
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA
 from adhesion_jax.measured.tabulated import peaked, tabulated

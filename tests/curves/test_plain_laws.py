@@ -11,10 +11,10 @@ from lanes import lanes
 
 from adhesion_jax.curves import BASES, free_values, with_free_values
 from adhesion_jax.effects.conditions import Calendar
-from adhesion_jax.effects.humidity import Humidity
+from adhesion_jax.effects.contact import Relaxation
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.effects.relaxation import Relaxation
-from adhesion_jax.effects.speed import Speed
+from adhesion_jax.effects.slip_velocity import Speed
+from adhesion_jax.effects.surroundings import Humidity
 
 NOW = {"vehicle_speed_mps": 15.0, "normal_load_N": 1.0e5, "relative_humidity_pct": 60.0}
 RANGES = {"relative_humidity_pct": (30.0, 90.0), "vehicle_speed_mps": (10.0, 30.0)}

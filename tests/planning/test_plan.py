@@ -12,7 +12,7 @@ from adhesion_jax.curves import CURVES
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
-from adhesion_jax.effects.speed import Speed
+from adhesion_jax.effects.slip_velocity import Speed
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.plan import (

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.stats import kstest
 from second_simulator import Segments, utilisation
 
-from adhesion_jax.effects.cleaning import Cleaning
+from adhesion_jax.effects.contact import Cleaning
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.closed_loop import by_segment, figures, whole
 from adhesion_jax.traction.controllers.barrier import Barrier

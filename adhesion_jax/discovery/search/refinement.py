@@ -13,10 +13,10 @@ from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.state import Accepted, Selection, settled, slots_of, with_parts
 from adhesion_jax.discovery.search.trials import Trial, tried
 from adhesion_jax.effects import Effect, Interaction, Periodic, Threshold, kind_of
-from adhesion_jax.effects.falling_friction import FallingFriction
-from adhesion_jax.effects.rail_joint import RailJoint
 from adhesion_jax.effects.shape import ACTS_ON
-from adhesion_jax.effects.slip_bias import SlipBias
+from adhesion_jax.effects.signals import SlipBias
+from adhesion_jax.effects.slip_velocity import FallingFriction
+from adhesion_jax.effects.wave import RailJoint
 
 #: Numbers of the harmonics of a wave that are tried, beside those that its own form has.
 _HARMONICS = range(2, 8)
