@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -18,24 +19,25 @@ from adhesion_jax.inference.sums import Sums, Variance, law_at, pull, sums
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advanced, arrived, begin
 
 
-def parameters_at(curve: Curve, share: Any) -> Any:
-    """The parameters at shares of the physical box, [free ...], of NumPy or of jax."""
+def _box(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lower bounds; ratios of logarithmic scales, 1 for the others; widths of these, or 0."""
     described = [curve.PARAMETERS[name] for name in curve.free]
-    shape = (-1, *(1,) * (share.ndim - 1))
-    lower = np.reshape([p.lower for p in described], shape)
-    upper = np.reshape([p.upper for p in described], shape)
+    lower, upper = np.array([[p.lower, p.upper] for p in described]).T
     logarithmic = lower > 0
     ratio = np.where(logarithmic, upper, 1.0) / np.where(logarithmic, lower, 1.0)
-    width = np.where(logarithmic, 0.0, upper - lower)
+    return lower, ratio, np.where(logarithmic, 0.0, upper - lower)
+
+
+def parameters_at(curve: Curve, share: Any) -> Any:
+    """The parameters at shares of the physical box, [free], of NumPy or of jax."""
+    lower, ratio, width = _box(curve)
     return lower * ratio**share + width * share
 
 
 def stretch_at(curve: Curve, share: Float[np.ndarray, " free"]) -> Float[np.ndarray, " free"]:
     """The derivatives of the parameters by the shares of the box."""
-    described = [curve.PARAMETERS[name] for name in curve.free]
-    lower, upper = np.array([[p.lower, p.upper] for p in described]).T
-    ratio = np.where(lower > 0, upper, 1.0) / np.where(lower > 0, lower, 1.0)
-    return np.where(lower > 0, parameters_at(curve, share) * np.log(ratio), upper - lower)
+    lower, ratio, width = _box(curve)
+    return lower * ratio**share * np.log(ratio) + width
 
 
 #: Most evaluations of a descent.
@@ -65,17 +67,22 @@ STRAIGHT = Departure(0.0, np.full(FUNCTIONS, np.inf), 1.0, 0.0, 0.0)
 
 
 class Problem(NamedTuple):
-    """A curve and where its departure lives; coordinates are shares of the box, then factors."""
+    """A curve and where its departure lives; coordinates are shares of the box, then factors.
+
+    The conditions are those of the peak.
+    """
 
     curve: Curve
     span: Span
+    conditions: Mapping[str, float] = MappingProxyType({})
 
     @property
     def free(self) -> int:
         return len(self.curve.free)
 
-    def parameters(self, share: Float[np.ndarray, " all"]) -> Float[np.ndarray, " all"]:
-        return np.append(parameters_at(self.curve, share[: self.free]), share[self.free :])
+    def law(self, share: Float[np.ndarray, " all"]) -> FittedLaw:
+        parameters = np.append(parameters_at(self.curve, share[: self.free]), share[self.free :])
+        return FittedLaw(self.curve, parameters, self.span, self.conditions)
 
     def stretch(self, share: Float[np.ndarray, " all"]) -> Float[np.ndarray, " all"]:
         """The derivatives of the parameters by the coordinates."""
@@ -90,9 +97,8 @@ class Problem(NamedTuple):
         blocks: Int[np.ndarray, " edges"] | None = None,
     ) -> Sums:
         """Over the blocks of the rows, unless others are given."""
-        place = self.parameters(share), self.stretch(share)
         edges = rows.blocks if blocks is None else blocks
-        return sums(rows, self.curve, *place, self.span, variance, robust, edges)
+        return sums(rows, self.law(share), self.stretch(share), variance, robust, edges)
 
 
 def felt(found: Sums, points: int, variance: Variance) -> Bool[np.ndarray, " all"]:
@@ -172,8 +178,7 @@ def passed_through(
     reached = False
     for turn in range(_PASSES):
         if turn:
-            place = problem.parameters(share)
-            (law,) = law_at(rows, problem.curve, place, problem.span, variance.spread)
+            (law,) = law_at(rows, problem.law(share), variance.spread)
             np.subtract(rows.adhesion, law, out=residual)
             del law
         for first in range(0, residual.size, _AT_A_TIME):
@@ -201,17 +206,16 @@ _MIDDLE, _REACH = 0.2, 0.2
 
 def posed(
     curve: Curve, start: np.ndarray, rows: Rows, slip_is_velocity: bool
-) -> tuple[Problem, Mapping[str, float], float]:
-    """The problem, the conditions of its peak, and the largest slip of that."""
+) -> tuple[Problem, float]:
+    """The problem, and the largest slip at which its peak is sought."""
     limit = SLIP_VELOCITY_LIMIT if slip_is_velocity else SLIP_LIMIT
     conditions = {name: float(np.median(rows.conditions[name])) for name in curve.NEEDS}
     largest = float(max(rows.slip.max(), -rows.slip.min(), np.finfo(float).tiny))
     # Finest about the peak of the curve of least squares, if that lies among the points.
-    usual = Span(_REACH * _MIDDLE * largest, largest)
-    parameters = np.append(parameters_at(curve, start), np.zeros(FUNCTIONS))
-    peak = peak_of(FittedLaw(curve, parameters, usual, conditions), limit)
+    usual = Problem(curve, Span(_REACH * _MIDDLE * largest, largest), conditions)
+    peak = peak_of(usual.law(np.append(start, np.zeros(FUNCTIONS))), limit)
     middle = peak.slip if peak.found and 0 < peak.slip < largest else _MIDDLE * largest
-    return Problem(curve, Span(_REACH * middle, largest)), conditions, limit
+    return usual._replace(span=Span(_REACH * middle, largest)), limit
 
 
 def from_start(start: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from adhesion_jax.inference.descent import (
     descended,
     felt,
     from_start,
+    parameters_at,
     passed_through,
     posed,
 )
@@ -70,7 +71,7 @@ def nearest_to(
     found = []
     for start in starts:
         share, _ = descended(problem, from_start(start), few, even, robust=False, near=_NEAR)
-        alone = law._replace(parameters=problem.parameters(share)).at(slip)
+        alone = law._replace(parameters=problem.law(share).parameters).at(slip)
         missed = float(np.sqrt(np.mean((of_law.adhesion - alone.adhesion) ** 2))) / height
         found.append((missed, share, alone))
     missed, share, alone = min(found, key=lambda one: one[0])
@@ -82,7 +83,8 @@ def nearest_to(
     own = alone.by_parameter[:, used] * stretch[used]
     by_law[used] = np.linalg.lstsq(own, of_law.by_parameter, rcond=_NEAR)[0]
     by_law[used] *= stretch[used, None]
-    return Nearest(problem.parameters(from_start(share))[: problem.free], by_law, missed, bound)
+    nearest = parameters_at(problem.curve, np.clip(share, 0.0, 1.0))
+    return Nearest(nearest, by_law, missed, bound)
 
 
 #: Parts that are left out to judge a curve, where there are fewer runs.
@@ -186,9 +188,8 @@ class MeasuredFit(NamedTuple):
         self, rows: Rows, chosen: slice | Int[np.ndarray, " chosen"]
     ) -> tuple[Float[np.ndarray, " chosen"], Float[np.ndarray, " chosen"]]:
         """The law and its slope at these rows, chosen of all, in the mean over the true slips."""
-        there, law = rows._replace(slip=self.slip[chosen]), self.law
-        place = law.curve, law.parameters, law.span
-        mean, slope = law_at(there, *place, self.slip_scatter[chosen], "by_slip")
+        there = rows._replace(slip=self.slip[chosen])
+        mean, slope = law_at(there, self.law, self.slip_scatter[chosen], "by_slip")
         return mean, slope
 
     def falls(self, slips: Float[np.ndarray, " points"]) -> Float[np.ndarray, " steps"]:
@@ -268,7 +269,7 @@ def fitted(
     penalty are found anew between rounds. Of a long record evenly chosen rows lead to a place near
     the end, from which all rows are passed through a few times.
     """
-    problem, conditions, limit = posed(curve, start, rows, slip_is_velocity)
+    problem, limit = posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _SEARCH_ROWS)
     share, reached, departure = from_start(start), False, STRAIGHT
     variance = weights
@@ -290,13 +291,12 @@ def fitted(
         departure = _departure(problem, share, found, rows, variance)
         share, reached = passed_through(problem, share, found.residual, rows, variance, departure)
         del found
-    fit = _described(problem, start, share, rows, slip, variance, departure, conditions, limit)
+    fit = _described(problem, start, share, rows, slip, variance, departure, limit)
     return fit._replace(converged=reached)
 
 
 def _left(problem: Problem, share: np.ndarray, rows: Rows, variance: Variance) -> np.ndarray:
-    parameters = problem.parameters(share)
-    (law,) = law_at(rows, problem.curve, parameters, problem.span, variance.spread)
+    (law,) = law_at(rows, problem.law(share), variance.spread)
     return rows.adhesion - law
 
 
@@ -328,7 +328,7 @@ def _departure(
 def _noise(law: FittedLaw, rows: Rows, variance: Variance, slip: SlipNoise) -> RunNoise:
     some, chosen = in_stretches(rows, _NOISE_ROWS)
     spread = variance.spread[chosen]
-    mean, slope = law_at(some, law.curve, law.parameters, law.span, spread, "by_slip")
+    mean, slope = law_at(some, law, spread, "by_slip")
     within = Variance(variance.sigma, variance.relative[chosen], spread)
     return described(some, some.adhesion - mean, slope, mean, within, slip)
 
@@ -341,7 +341,6 @@ def _described(
     slip: SlipNoise,
     variance: Variance,
     departure: Departure,
-    conditions: Mapping[str, float],
     limit: float,
 ) -> MeasuredFit:
     count = problem.free
@@ -352,7 +351,7 @@ def _described(
     penalty = np.append(np.zeros(count), departure.penalty)
     ordered = rows.ordered or rows.several
     covariance = sandwich(found, rows.cluster, free, penalty, departure.inflation, ordered)
-    law = FittedLaw(problem.curve, problem.parameters(share), problem.span, conditions)
+    law = problem.law(share)
     nearest = nearest_to(problem, [share[:count], start], law, has_influence, rows, variance)
     return MeasuredFit(
         law,

@@ -1,7 +1,7 @@
 """A curve with its departure: adhesion, its derivatives by one small program, and the peak."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -28,6 +28,9 @@ _SIZES = (900, AT_A_TIME, len(_NODES) * AT_A_TIME)
 #: A slip of less noise than this share of the reach of a departure has the mean of an exact one:
 #: they differ by about the square of it, relative.
 _EXACT = 1e-8
+
+#: The spread of slips that are known.
+EXACTLY = np.zeros(1)
 
 #: Orders of the functions of a departure, times pi.
 _ORDERS = np.pi * (np.arange(FUNCTIONS) + 0.5)
@@ -116,37 +119,6 @@ def _multiples(
     return found
 
 
-def values(
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
-    span: Span,
-    slip: Float[np.ndarray, " points"],
-    conditions: Mapping[str, Float[np.ndarray, "..."] | float],
-) -> Values:
-    """The curve with its departure; conditions that it does not need are ignored."""
-    free = parameters[: len(curve.free)]
-    needed = {name: np.broadcast_to(conditions[name], slip.shape) for name in curve.NEEDS}
-    bare = _at_many(curve, free, slip, needed)
-    return Values(bare, parameters[len(curve.free) :], span, slip, slip.size)
-
-
-def expected_values(
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
-    span: Span,
-    slip: Float[np.ndarray, " points"],
-    spread: Float[np.ndarray, " points"],
-    conditions: Mapping[str, Float[np.ndarray, "..."] | float],
-) -> Values:
-    """The means over a normal slip of this mean and standard deviation."""
-    if spread.max() <= _EXACT * span.reach:
-        return values(curve, parameters, span, slip, conditions)
-    reach = np.sqrt(3) * spread
-    slips = np.concatenate([slip + node * reach for node in _NODES])
-    repeated = {name: np.tile(conditions[name], len(_NODES)) for name in curve.NEEDS}
-    return replace(values(curve, parameters, span, slips, repeated), points=slip.size)
-
-
 def _at_many(
     curve: Curve, free: np.ndarray, slip: np.ndarray, conditions: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "columns slips"]:
@@ -207,9 +179,28 @@ class FittedLaw(NamedTuple):
         curve = with_free_values(self.curve, self.parameters[:count])
         return Bent(curve, self.parameters[count:], *self.span)
 
-    def at(self, slip: Float[np.ndarray, " points"]) -> Values:
-        """Adhesion with its derivatives, under the conditions of the law."""
-        return values(self.curve, self.parameters, self.span, slip, self.conditions)
+    def at(
+        self,
+        slip: Float[np.ndarray, " points"],
+        spread: Float[np.ndarray, " points"] = EXACTLY,
+        conditions: Mapping[str, Float[np.ndarray, "..."] | float] | None = None,
+    ) -> Values:
+        """Adhesion with its derivatives, under the conditions of the law if there are no others.
+
+        With a spread they are the means over a normal slip of this mean and standard deviation.
+        """
+        slips = slip
+        if spread.max() > _EXACT * self.span.reach:
+            reach = np.sqrt(3) * spread
+            slips = np.concatenate([slip + node * reach for node in _NODES])
+        given = self.conditions if conditions is None else conditions
+        needed = {
+            name: np.resize(np.broadcast_to(given[name], slip.shape), slips.shape)
+            for name in self.curve.NEEDS
+        }
+        free, factors = np.split(self.parameters, [len(self.curve.free)])
+        bare = _at_many(self.curve, free, slips, needed)
+        return Values(bare, factors, self.span, slips, slip.size)
 
 
 class LawPeak(NamedTuple):

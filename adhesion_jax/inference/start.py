@@ -57,7 +57,7 @@ def least_squares(curve: Curve, record: Record) -> Float[np.ndarray, " free"]:
     share = np.append(_best(curve, weight, *few), np.zeros(FUNCTIONS))
     rows = Rows(slip, adhesion, conditions, alike, whole, whole, np.zeros(1, int), False, False)
     problem = Problem(curve, Span(1.0, 1.0))
-    (law,) = law_at(rows, curve, problem.parameters(share), problem.span, exact)
+    (law,) = law_at(rows, problem.law(share), exact)
     square = max(float(np.mean((adhesion - law) ** 2)), 1e-24 * float(np.mean(adhesion**2)), 1e-300)
     variance = Variance(float(np.sqrt(square)), alike, exact)
     return descended(problem, share, rows, variance, robust=False, near=_NEAR)[0][: problem.free]

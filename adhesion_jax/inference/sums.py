@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from adhesion_jax.curves import Curve
-from adhesion_jax.inference.law import AT_A_TIME, Span, Values, expected_values
+from adhesion_jax.inference.law import AT_A_TIME, FittedLaw, Values
 from adhesion_jax.inference.rows import Rows
 
 #: Most blocks of a chunk that are multiplied one by one; of more, all rows and then sums of them.
@@ -60,15 +59,13 @@ def huber(z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
 
 def sums(
     rows: Rows,
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
+    law: FittedLaw,
     stretch: Float[np.ndarray, " all"],
-    span: Span,
     variance: Variance,
     robust: bool,
     blocks: Int[np.ndarray, " edges"],
 ) -> Sums:
-    """The sums at these parameters, in chunks; `stretch` are derivatives by a fit's coordinates.
+    """The sums about this law, in chunks; `stretch` are derivatives by a fit's coordinates.
 
     `blocks` are their first rows, and the number of rows.
     """
@@ -81,7 +78,7 @@ def sums(
         np.empty(rows.slip.size),
         np.zeros((width, width)),
     )
-    for some, found in _in_chunks(rows, curve, parameters, span, variance.spread, AT_A_TIME):
+    for some, found in _in_chunks(rows, law, variance.spread, AT_A_TIME):
         scale = 1 / np.sqrt(variance.row(some))
         whole.residual[some] = rows.adhesion[some] - found.adhesion
         z = whole.residual[some] * scale
@@ -123,32 +120,21 @@ def _products(
 
 
 def law_at(
-    rows: Rows,
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
-    span: Span,
-    spread: Float[np.ndarray, " rows"],
-    *of: str,
+    rows: Rows, law: FittedLaw, spread: Float[np.ndarray, " rows"], *of: str
 ) -> list[Float[np.ndarray, " rows"]]:
     """Adhesion at every row, and whatever else of `Values` is named that is one number a row."""
     found = [np.empty(rows.slip.size) for _ in range(1 + len(of))]
-    for some, values in _in_chunks(rows, curve, parameters, span, spread, 3 * AT_A_TIME):
+    for some, values in _in_chunks(rows, law, spread, 3 * AT_A_TIME):
         for column, name in zip(found, ("adhesion", *of), strict=True):
             column[some] = getattr(values, name)
     return found
 
 
 def _in_chunks(
-    rows: Rows,
-    curve: Curve,
-    parameters: Float[np.ndarray, " all"],
-    span: Span,
-    spread: Float[np.ndarray, " rows"],
-    size: int,
+    rows: Rows, law: FittedLaw, spread: Float[np.ndarray, " rows"], size: int
 ) -> Iterator[tuple[slice, Values]]:
     """Chunks of rows in their order, and the values there."""
     for first in range(0, rows.slip.size, size):
         some = slice(first, min(first + size, rows.slip.size))
-        needed = {name: rows.conditions[name][some] for name in curve.NEEDS}
-        slip = rows.slip[some], spread[some]
-        yield some, expected_values(curve, parameters, span, *slip, needed)
+        needed = {name: rows.conditions[name][some] for name in law.curve.NEEDS}
+        yield some, law.at(rows.slip[some], spread[some], needed)

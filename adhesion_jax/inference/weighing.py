@@ -120,7 +120,7 @@ def weighed(
     By the slope of one curve without a departure. They are the same for all curves that are fitted:
     with a slope of its own a curve could widen its own noise (Carroll and Ruppert 1988, chapter 3).
     """
-    problem, _, _ = posed(curve, start, rows, slip_is_velocity)
+    problem, _ = posed(curve, start, rows, slip_is_velocity)
     some = thinned(rows, _WEIGHED_ROWS)
     spread = chosen_of(slip.spread, some.slip.size)
     share, active = from_start(start), 1.0
@@ -147,14 +147,12 @@ def _weighing(
     the noise of standard deviation `spread` the share acts, among these, and sigma is such, as is
     likeliest for the residual, by Huber's function.
     """
-    parameters = problem.parameters(share)
     floor = EXACT**2 * float(np.mean(rows.adhesion**2))
     best = -np.inf
     for active in actives:
         mean, scatter = expected_slip(rows.slip, active * spread)
         there = rows._replace(slip=mean)
-        place = problem.curve, parameters, problem.span
-        law, slope = law_at(there, *place, scatter, "by_slip")
+        law, slope = law_at(there, problem.law(share), scatter, "by_slip")
         left, felt = rows.adhesion - law, (slope * scatter) ** 2
         few = evenly(left.size, _WEIGHED_ROWS)
         for square in max(float(np.mean(left**2)), floor) * _SIGMAS**2:

@@ -12,7 +12,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
-from adhesion_jax.inference.law import FittedLaw, Span, expected_values, peak_of
+from adhesion_jax.inference.law import FittedLaw, Span, peak_of
 
 REACH, LARGEST = 0.004, 0.15
 SPAN = Span(REACH, LARGEST)
@@ -127,7 +127,7 @@ def test_points_are_evaluated_alike_however_many_there_are():
 def test_the_mean_over_a_noisy_slip_is_that_of_the_normal_distribution():
     law = law_of("polach")
     slip, spread = np.array([0.03, 0.06, 0.1]), np.array([0.004, 0.008, 0.0])
-    found = expected_values(law.curve, law.parameters, SPAN, slip, spread, law.conditions)
+    found = law.at(slip, spread)
     z = np.linspace(-6, 6, 4001)
     density = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
     truth = adhesion_by_hand(law, slip[:, None] + spread[:, None] * z) @ density

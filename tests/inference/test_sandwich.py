@@ -6,7 +6,7 @@ import statsmodels.api as sm
 
 from adhesion_jax.curves import CURVES, free_values
 from adhesion_jax.curves.bent import FUNCTIONS
-from adhesion_jax.inference.law import Span
+from adhesion_jax.inference.law import FittedLaw, Span
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.sandwich import COSINES, by_clusters, by_cosines, sandwich
 from adhesion_jax.inference.sums import Sums, sums
@@ -209,7 +209,8 @@ def test_a_row_of_double_weight_counts_as_two_rows():
         place = np.append(np.asarray(free_values(curve)), np.full(FUNCTIONS, 0.01))
         stretch = np.ones(place.size)
         variance = alike(rows)
-        return sums(rows, curve, place, stretch, Span(0.01, 0.2), variance, False, edges)
+        law = FittedLaw(curve, place, Span(0.01, 0.2), {})
+        return sums(rows, law, stretch, variance, False, edges)
 
     once, doubled = told(np.arange(12), design_weight), told(twice, np.ones(twice.size))
     for name in ("loss", "score", "matrix", "squares", "pulled"):
