@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ def law_text(law: Law) -> str:
     told = {
         "format": FORMAT,
         "curve": {"name": name, **_fields(curve)},
-        **({} if bent is None else {"departure": _departure(bent)}),
+        **({} if bent is None else {"departure": _fields(bent, "curve")}),
         "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
         "ranges": dict(law.ranges),
         "calendar": law.calendar._asdict(),
@@ -86,8 +86,10 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         _check_format(saved, source)
         curve, effects = dict(saved["curve"]), [dict(effect) for effect in saved["effects"]]
         known, free = type(BASES[curve.pop("name")]), tuple(curve.pop("free"))
+        if not free or not {*free} <= {*known.PARAMETERS}:
+            raise ValueError
         kinds = [KINDS[effect.pop("name")] for effect in effects]
-        alone = known(**_numbers(known.PARAMETERS, curve), free=_some_of(known.PARAMETERS, free))
+        alone = known(**_numbers(known.PARAMETERS, curve), free=free)
         base = _bent(alone, **saved["departure"]) if "departure" in saved else alone
         column, start, end = (saved["calendar"][name] for name in Calendar._fields)
         return CorrectedLaw(
@@ -105,17 +107,6 @@ def law_from(text: str, source: str) -> CorrectedLaw:
         raise _no_law(source) from None
 
 
-def _departure(bent: Bent) -> dict[str, object]:
-    told: dict[str, object] = {
-        "factors": np.asarray(bent.factors, float).tolist(),
-        "reach": float(bent.reach),
-        "largest": float(bent.largest),
-    }
-    if bent.braking is not None:
-        told["braking"] = np.asarray(bent.braking, float).tolist()
-    return told
-
-
 def _bent(
     curve: Curve,
     factors: list[float],
@@ -124,12 +115,10 @@ def _bent(
     braking: list[float] | None = None,
 ) -> Bent:
     """The curve with its departure; a ValueError for numbers that no departure has."""
-    both = [factors] if braking is None else [factors, braking]
-    rows = np.array(both, float)
+    rows = np.array([factors] if braking is None else [factors, braking], float)
     ends = np.array([reach, largest], float)
     finite = np.all(np.isfinite(rows)) and np.all(np.isfinite(ends))
-    known = rows.ndim == 2 and rows.shape[1] > 0
-    if not known or not finite or ends.min() <= 0:
+    if rows.ndim != 2 or rows.size == 0 or not finite or ends.min() <= 0:
         raise ValueError
     return Bent(curve, rows[0], *ends.tolist(), *rows[1:])
 
@@ -165,12 +154,6 @@ def _numbers(parameters: Mapping[str, Parameter], fields: dict[str, Any]) -> dic
     return fields
 
 
-def _some_of(parameters: Iterable[str], names: tuple[str, ...]) -> tuple[str, ...]:
-    if not names or not set(names) <= set(parameters):
-        raise ValueError
-    return names
-
-
 def _range(low: float, high: float) -> tuple[float, float]:
     """Two finite numbers in order."""
     if not -math.inf < low <= high < math.inf:
@@ -178,13 +161,11 @@ def _range(low: float, high: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _fields(module: eqx.Module) -> dict[str, object]:
-    values = {field.name: getattr(module, field.name) for field in dataclasses.fields(module)}
+def _fields(module: eqx.Module, *without: str) -> dict[str, object]:
+    """Words, lists and numbers by the names of the fields, but for those `without` or with none."""
+    fields = {field.name: getattr(module, field.name) for field in dataclasses.fields(module)}
     return {
-        name: list(value)
-        if isinstance(value, tuple)
-        else value
-        if isinstance(value, str)
-        else float(value)
-        for name, value in values.items()
+        name: value if isinstance(value, str | tuple) else np.asarray(value, float).tolist()
+        for name, value in fields.items()
+        if name not in without and value is not None
     }
