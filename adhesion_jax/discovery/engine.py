@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Container, Sequence
+from hashlib import blake2b
 
 import numpy as np
 import scipy.stats
@@ -9,17 +10,18 @@ import scipy.stats
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import block_means, condensed, hidden_shares
+from adhesion_jax.data.reading import POINTS
 from adhesion_jax.data.runs import Rows, RunSet
 from adhesion_jax.discovery.findings.summary import Searched, law_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.echoes import echoes
+from adhesion_jax.discovery.model.fitting import Setting, under
 from adhesion_jax.discovery.model.noise import slip_noise_of
+from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import Problem, prepare
 from adhesion_jax.discovery.model.rows import predicted
-from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import library_of
-from adhesion_jax.discovery.search.falling_curve import plainer
+from adhesion_jax.discovery.search.catalogue import Entry, library_of
 from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of, import_trees, second_opinion
@@ -93,7 +95,7 @@ def discover(
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
     falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
-    plain, final = plainer(plain, final, falling, spread, entries, seed, progress)
+    plain, final = _plainer(plain, final, falling, spread, entries, seed, progress)
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(final.accepted))
     line = None if waves else torsion(final.fitted)
@@ -108,6 +110,32 @@ def discover(
     found = summarise(searched, test, warnings, correct, seed)
     seconds = time.perf_counter() - began
     return found._replace(source=source, citation=citation, seconds=seconds)
+
+
+def refuse_training_runs(runs: RunSet, test: RunSet) -> None:
+    """InputError if a run of the test data is one of the training data, point for point."""
+    known = _contents(runs)
+    same = [known[content] for content in _contents(test) if content in known]
+    if same:
+        count = len(test.names)
+        what = "block" if test.blocks else "run"
+        raise InputError(
+            f"{len(same)} of the {count} {what}s of the test data "
+            f"{'is' if len(same) == 1 else 'are'} in the training data as well (the first is "
+            f"{same[0]}), and an error on what was fitted to says nothing of new runs; give other "
+            "runs as test data, or none."
+        )
+
+
+def _contents(runs: RunSet) -> dict[bytes, str]:
+    """What each run of some length holds, in a number of fixed length, and the name of the run."""
+    found = {}
+    for name, start, length in zip(runs.names, runs.starts, runs.lengths, strict=True):
+        rows = slice(start, start + length)
+        content = np.concatenate([runs.whole.slip[rows], runs.whole.adhesion[rows]])
+        if length >= POINTS:  # a few rounded numbers may be equal by chance
+            found[blake2b(content.data).digest()] = name
+    return found
 
 
 def _without_effects(
@@ -191,6 +219,41 @@ def _falling(runs: RunSet) -> tuple[str, ...]:
         for name, curve in BASES.items()
         if curve.AUTOMATIC and curve.NEEDS and measured.issuperset(curve.NEEDS)
     )
+
+
+def _plainer(
+    plain: Selection,
+    final: Selection,
+    falling: Sequence[str],
+    spread: np.ndarray,
+    entries: Sequence[Entry],
+    seed: int,
+    progress: Callable[[str, float], None],
+) -> tuple[Selection, Selection]:
+    """The states without and with effects: those given, or those of the best of the curves named.
+
+    `falling` are curves that fall with the slip velocity, such as Polach's with falling friction.
+    An effect of the slip velocity beside another curve and such a curve alone describe nearly the
+    same. The cause is named only if its law predicts runs left out surely better, or as well with a
+    smaller departure: otherwise the fall is a matter of the curve.
+    """
+    if not falling:
+        return plain, final
+    steep = Selection(best_alone(plain.setting.problem, spread, falling))
+    gained = gain(plain.fitted, under(_like(plain, steep), steep.fitted))
+    if gained.deviate <= rules.SURE_ERRORS_OF_COLUMN:
+        return plain, final
+    other = search(steep, entries, seed, progress)
+    ahead = gain(under(_like(final, other), other.fitted), final.fitted)
+    bends = [state.setting.problem.bend for state in (other, final)]
+    if ahead.total > ahead.error or (abs(ahead.total) <= ahead.error and bends[0] > bends[1]):
+        return plain, final
+    return steep, other
+
+
+def _like(state: Selection, bent: Selection) -> Setting:
+    """The weights of a state, with the departure of another."""
+    return state.setting._replace(problem=bent.setting.problem)
 
 
 def _condensing_words(runs: RunSet, blocks: RunSet) -> list[str]:

@@ -134,7 +134,6 @@ class Findings(NamedTuple):
     #: error (standard error of either, from the noise within the run), mean of every column. None
     #: for blocks of one run.
     levels: pd.DataFrame | None = None
-    base_before: str = ""  # the best curve without effects, where it is another one
     #: The warnings that the verdict repeats: that the law is not the one that is saved, and what
     #: much of the test data has that the training data hardly cover.
     foremost: tuple[str, ...] = ()

@@ -1,6 +1,6 @@
 import pytest
 
-from adhesion_jax.discovery.model.levenberg_marquardt import fit
+from adhesion_jax.discovery.model.program import fit
 
 _PROGRAMS: dict = {}
 

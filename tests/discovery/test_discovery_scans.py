@@ -7,8 +7,7 @@ from scipy.signal import lfilter
 
 from adhesion_jax.discovery.model.fitting import covariance, fit_model
 from adhesion_jax.discovery.model.packing import effect_places
-from adhesion_jax.discovery.search.catalogue import library_of
-from adhesion_jax.discovery.search.joint import surfaces
+from adhesion_jax.discovery.search.catalogue import library_of, surfaces
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.scans import torsion, waves
 from adhesion_jax.effects import EFFECTS

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import campaign, curve, noise, state_of
 
-from adhesion_jax.discovery.findings.naming import contradiction, vetoed
+from adhesion_jax.discovery.findings.found import contradiction, vetoed
 from adhesion_jax.discovery.search.state import Accepted
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects import EFFECTS, Covariate

@@ -6,8 +6,8 @@ import pytest
 from discovery_campaigns import TRUE, campaign, curve, noise, setting_of
 
 from adhesion_jax.discovery.model.fitting import fit_model
-from adhesion_jax.discovery.model.levenberg_marquardt import fit
 from adhesion_jax.discovery.model.packing import base_places
+from adhesion_jax.discovery.model.program import fit
 from adhesion_jax.effects import EFFECTS, Covariate
 from adhesion_jax.effects.api import Facts, Multiplier, Scalar
 

@@ -12,7 +12,7 @@ from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refined
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.selection import undecided
-from adhesion_jax.discovery.search.state import Accepted, refreshed, slots_of
+from adhesion_jax.discovery.search.state import Accepted, slots_of, with_parts
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import EFFECTS, Covariate, Interaction, Labels, Periodic
 from adhesion_jax.effects.shape import ACTS_ON
@@ -96,7 +96,7 @@ def test_the_slots_of_a_fit_are_in_the_order_of_application():
         orders = [part.ORDER for part in parts]
         assert orders == sorted(orders)
         # What comes back from a fit by slot is each effect's own again, equal parts included.
-        assert refreshed(accepted, parts) == accepted
+        assert with_parts(accepted, slots_of(accepted), parts) == accepted
 
 
 @pytest.mark.thorough

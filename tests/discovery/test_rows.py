@@ -9,9 +9,8 @@ from scipy.signal import lfilter
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.discovery import engine
-from adhesion_jax.discovery.engine import discover
+from adhesion_jax.discovery.engine import discover, refuse_training_runs
 from adhesion_jax.discovery.model import rows
-from adhesion_jax.discovery.model.training_runs import refuse_training_runs
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.effects.law import CorrectedLaw

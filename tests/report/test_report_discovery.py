@@ -418,11 +418,6 @@ def test_a_test_error_is_unlike_that_of_training_where_their_intervals_do_not_to
     assert "unlike" not in said(after=Interval(0.005, 0.004, 0.006))
 
 
-def test_the_verdict_names_the_curve_of_the_error_before():
-    words = verdict(two_effects()._replace(base_before="exponential"))
-    assert "falls from 0.01588 (of exponential, the best curve alone) to 0.01031" in words
-
-
 def test_blocks_of_one_run_are_called_blocks():
     findings = null()
     cut = findings.points.assign(run="block " + (findings.points["run"] + 1).astype(str))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.model.fitting import nearly_fitted
+from adhesion_jax.discovery.model.fitting import refitted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import directions_of, null_of
@@ -32,8 +32,7 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
     found = []
     for number, effect in enumerate(state.accepted):
         rest = all_but(state.accepted, number)
-        values = state.fitted.base_values.tolist()
-        less = nearly_fitted(state.setting, state.base, values, parts_of(rest))
+        less = refitted(state.fitted, parts_of(rest))
         others = [
             entry
             for entry in entries

@@ -9,11 +9,10 @@ from adhesion_jax.discovery.model.fitting import (
     Fitted,
     changes_of,
     covariance,
-    packed,
     size_of,
 )
-from adhesion_jax.discovery.model.problem import label_of
-from adhesion_jax.discovery.model.program import Data
+from adhesion_jax.discovery.model.packing import pack
+from adhesion_jax.discovery.model.problem import Data, label_of
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
 from adhesion_jax.effects.dynamic import Dynamic
@@ -125,7 +124,7 @@ def _factors(
     data = _at(state, columns)
     fitted = state.fitted
     size, values = size_of(fitted.base, fitted.effects), fitted.base_values.tolist()
-    model = packed(state.setting, fitted.base, values, fitted.effects, size)
+    model = pack(state.setting.problem, fitted.base, values, fitted.effects, size)
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]
 

@@ -23,8 +23,8 @@ from adhesion_jax.discovery.findings.found import (
     found_effects,
     slip_noise_found,
     torsion_found,
+    vetoed,
 )
-from adhesion_jax.discovery.findings.naming import vetoed
 from adhesion_jax.discovery.model.fitting import covariance
 from adhesion_jax.discovery.model.noise import left_by, noise_of, noisy_slip
 from adhesion_jax.discovery.model.packing import base_curve, base_places

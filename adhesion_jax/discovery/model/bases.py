@@ -12,6 +12,7 @@ from adhesion_jax.discovery.model.fitting import (
     nearly_robust,
     robustly_fitted,
     side_by_side,
+    under,
 )
 from adhesion_jax.discovery.model.prediction import expected_loss, gain_of
 from adhesion_jax.discovery.model.problem import Problem
@@ -43,23 +44,14 @@ def best_alone(problem: Problem, spread: np.ndarray, bases: Sequence[str]) -> Fi
     chosen = min(robust, key=lambda one: _cost(under(same, one)))
     bent: list[Fitted] = []
     for bend in _BENDS:
-        bent.append(under(_of_bend(same, bend), bent[-1] if bent else chosen))
+        softer = same._replace(problem=problem._replace(bend=bend))
+        bent.append(under(softer, bent[-1] if bent else chosen))
     losses = [expected_loss(one) for one in bent]
     lowest = min(losses, key=lambda one: float(one.sum()))
     # The least bend that is not surely worse: what is hidden is not to be taken for a bend.
     enough = (gain_of(loss - lowest) for loss in losses)
     least = next(place for place, one in enumerate(enough) if one.total <= one.error)
     return robustly_fitted(bent[least])
-
-
-def _of_bend(setting: Setting, bend: float) -> Setting:
-    return setting._replace(problem=setting.problem._replace(bend=bend))
-
-
-def under(setting: Setting, fitted: Fitted) -> Fitted:
-    """The same model with the weights and the departure of another setting."""
-    values = fitted.base_values.tolist()
-    return nearly_fitted(setting, fitted.base, values, fitted.effects)
 
 
 def _cost(fitted: Fitted) -> float:

@@ -10,7 +10,6 @@ import scipy
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES
 from adhesion_jax.curves.bent import BELOW_EFFECTS
-from adhesion_jax.discovery.model.levenberg_marquardt import fit
 from adhesion_jax.discovery.model.packing import (
     Model,
     base_places,
@@ -18,8 +17,8 @@ from adhesion_jax.discovery.model.packing import (
     pack,
     unpack,
 )
-from adhesion_jax.discovery.model.problem import Problem
-from adhesion_jax.discovery.model.program import PROBES, Data, changes
+from adhesion_jax.discovery.model.problem import Data, Problem
+from adhesion_jax.discovery.model.program import PROBES, changes, fit
 from adhesion_jax.effects import Covariate, Effect
 
 #: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
@@ -111,22 +110,22 @@ def fit_model(
     `near` is the share of the loss below which a promised step ends the fit.
     """
     effects = in_order(effects)
-    model = packed(setting, base, base_values, effects, size_of(base, effects))
+    model = pack(setting.problem, base, base_values, effects, size_of(base, effects))
     found = fit(model, setting.problem.data, setting.root, np.asarray(near))
-    free = int(np.sum(np.asarray(model.free) != model.values.size - 1))
-    values = np.asarray(found.values)
+    values, loss, gradient, hessian, adhesion, residual, jacobian = map(np.asarray, found)
+    free = int(np.sum(model.free != model.values.size - 1))
     return Fitted(
         setting,
         base,
         unpack(values, effects),
         values,
-        tuple(np.asarray(model.free)[:free].tolist()),
-        np.asarray(found.loss),
-        np.asarray(found.gradient)[:, :free],
-        np.asarray(found.hessian)[:, :free, :free],
-        np.asarray(found.adhesion),
-        np.asarray(found.residual),
-        np.asarray(found.jacobian)[:free],
+        tuple(model.free[:free].tolist()),
+        loss,
+        gradient[:, :free],
+        hessian[:, :free, :free],
+        adhesion,
+        residual,
+        jacobian[:free],
     )
 
 
@@ -137,18 +136,28 @@ def nearly_fitted(
     return fit_model(setting, base, base_values, effects, _NEAR)
 
 
+def refitted(fitted: Fitted, effects: Sequence[Effect], near: float = _NEAR) -> Fitted:
+    """The curve of a fit with other effects, from the parameters that it has."""
+    values = fitted.base_values.tolist()
+    return fit_model(fitted.setting, fitted.base, values, effects, near)
+
+
+def under(setting: Setting, fitted: Fitted, near: float = _NEAR) -> Fitted:
+    """The same model with the weights and the departure of another setting."""
+    return refitted(fitted._replace(setting=setting), fitted.effects, near)
+
+
 def nearly_robust(fitted: Fitted, turns: int = _TURNS) -> Fitted:
     """The same model with the weights that its own residual asks for, in turns."""
     for _ in range(turns):
-        values = fitted.base_values.tolist()
-        fitted = nearly_fitted(weighed(fitted), fitted.base, values, fitted.effects)
+        fitted = under(weighed(fitted), fitted)
     return fitted
 
 
 def robustly_fitted(fitted: Fitted) -> Fitted:
     """`nearly_robust`, and to the end."""
     near = nearly_robust(fitted, _TURNS - 1)
-    return fit_model(weighed(near), near.base, near.base_values.tolist(), near.effects)
+    return under(weighed(near), near, _PRECISE)
 
 
 def weighed(fitted: Fitted) -> Setting:
@@ -231,7 +240,7 @@ def raw_changes(fitted: Fitted, probes: Sequence[Effect]) -> np.ndarray:
     size = max(size_of(fitted.base, (*fitted.effects, probe)) for probe in probes)
     values = fitted.base_values.tolist()
     models = [
-        packed(fitted.setting, fitted.base, values, in_order((*fitted.effects, probe)), size)
+        pack(fitted.setting.problem, fitted.base, values, in_order((*fitted.effects, probe)), size)
         for probe in probes
     ]
     return changes_of(models, fitted.setting.problem.data, fitted.adhesion)
@@ -248,19 +257,6 @@ def changes_of(models: Sequence[Model], data: Data, now: np.ndarray) -> np.ndarr
 
     with runtime.threads() as pool:
         return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))
-
-
-def packed(
-    setting: Setting,
-    base: str,
-    base_values: Sequence[float],
-    effects: Sequence[Effect],
-    size: tuple[int, int],
-) -> Model:
-    """The model as numbers for a program of that size; `effects` are in the order of ORDER."""
-    problem = setting.problem
-    columns = (*problem.columns, "")
-    return pack(base, base_values, effects, columns, *size, problem.branches, problem.bend)
 
 
 def side_by_side(task: Callable[[A], Fitted], items: Sequence[A]) -> list[Fitted]:

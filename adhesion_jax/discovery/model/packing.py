@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from adhesion_jax.curves import BASES, CURVES, Law
 from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent
+from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.effects import EFFECTS, KINDS, Effect, ShapeTerm
 from adhesion_jax.effects.shape import ACTS_ON, prior_precision
 
@@ -35,8 +36,6 @@ class Layout(NamedTuple):
     curve: int  # places of the parameters of a curve
     base: int  # and with the factors of its departure
     effect: int  # places of a slot
-    kinds: Mapping[type[Effect], int]
-    names: tuple[str, ...]
     # An effect is a term of the shape, bends the slip before the curve, or changes adhesion after
     # it: only these branches are compiled for it.
     shapes: tuple[str, ...]
@@ -45,7 +44,7 @@ class Layout(NamedTuple):
 
     def branches(self, names: Sequence[str]) -> Array:
         """The number of the branch of each kind; 0 for an empty slot or a kind without."""
-        places = [names.index(name) + 1 if name in names else 0 for name in self.names]
+        places = [names.index(name) + 1 if name in names else 0 for name in KINDS]
         return jnp.asarray([0, *places])
 
 
@@ -56,15 +55,13 @@ def parts() -> tuple[object, ...]:
 
 @lru_cache(maxsize=1)
 def _of_parts(_: tuple[int, ...]) -> Layout:
-    curve, names = max(len(curve.free) for curve in BASES.values()), tuple(KINDS)
-    shapes = tuple(name for name in names if issubclass(KINDS[name], ShapeTerm))
-    causes = tuple(name for name in names if name not in shapes)
+    curve = max(len(curve.free) for curve in BASES.values())
+    shapes = tuple(name for name, kind in KINDS.items() if issubclass(kind, ShapeTerm))
+    causes = tuple(name for name in KINDS if name not in shapes)
     return Layout(
         curve,
         curve + 2 * BELOW_EFFECTS,
         max(len(kind.FACTS.parameters) for kind in KINDS.values()),
-        {kind: place for place, kind in enumerate(KINDS.values())},
-        names,
         shapes,
         causes,
         tuple(name for name in causes if KINDS[name].ORDER == 0),
@@ -123,43 +120,39 @@ def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
 
 
 def pack(
+    problem: Problem,
     base: str,
     base_values: Sequence[float],
     effects: Sequence[Effect],
-    columns: Sequence[str],
-    slots: int,
-    free: int,
-    branches: int,
-    bend: float,
+    size: tuple[int, int],
 ) -> Model:
     """The model as numbers, padded to that number of slots and of free parameters.
 
-    `effects` must be in the order of their ORDER; `columns` names those of `Data.columns`. With two
-    `branches` the departure of braking is another one; a level has none. `bend` is the prior
-    standard deviation of the first factor. `base_values` are those of
-    `base_places`, or of the curve alone.
+    `effects` must be in the order of their ORDER. With two `branches` the departure of braking is
+    another one; a level has none. `base_values` are those of `base_places`, or of the curve alone.
     """
+    slots, free = size
     values = np.zeros(_place_of(slots) + 1)
     values[base_places(base)[: len(base_values)]] = base_values
     kind, column = np.zeros(slots, int), np.zeros((slots, 3), int)
     precision = np.zeros((free, free))
     described = [BASES[base].PARAMETERS[name] for name in BASES[base].free]
-    bends = 0 if base == "level" else branches * BELOW_EFFECTS
+    bends = 0 if base == "level" else problem.branches * BELOW_EFFECTS
     places = base_places(base)[: len(described) + bends]
     lower = [*(one.lower for one in described), *[-9.0] * bends]
     upper = [*(one.upper for one in described), *[9.0] * bends]
-    sizes = bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
+    sizes = problem.bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
     bent = range(len(described), len(places))
     precision[bent, bent] = sizes**-2.0
-    if branches == 2 and any("mode" in effect.FACTS.needs for effect in effects):
+    if problem.branches == 2 and any("mode" in effect.FACTS.needs for effect in effects):
         # The departure is 0 at slip 0, so that the effect would otherwise fit the least slips alone
         # and leave the difference of traction and braking to the departure.
         braking = bent[BELOW_EFFECTS:]
         precision[np.ix_(braking, braking)] += np.outer(_MEANS, _MEANS) / _NO_MEAN**2
     for slot, effect in enumerate(effects):
-        kind[slot] = 1 + layout().kinds[type(effect)]
+        kind[slot] = 1 + [*KINDS.values()].index(type(effect))
         named = [getattr(effect, name) for name in words_of(type(effect))]
-        column[slot, : len(named)] = [columns.index(name) for name in named]
+        column[slot, : len(named)] = [(*problem.columns, "").index(name) for name in named]
         if isinstance(effect, ShapeTerm):
             column[slot, 2] = ACTS_ON.index(effect.acts_on)
         start = _place_of(slot)

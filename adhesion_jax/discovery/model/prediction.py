@@ -1,6 +1,5 @@
 """How well a fitted model predicts what it was not fitted to, and what another one gains on it."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,10 @@ def held_out_loss(fitted: Fitted) -> np.ndarray:
         # No point of the model was finite.
         return np.full(loss.shape, np.inf)
     folds = np.array_split(runs, min(_FOLDS, runs.size))
-    for fold, shift in zip(folds, steps_without(fitted, folds), strict=True):
+    hessian = np.stack([fitted.hessian[fold].sum(0) for fold in folds])
+    gradient = np.stack([fitted.gradient[fold].sum(0) for fold in folds])
+    shifts = -solve(fitted.hessian.sum(0) - hessian, fitted.gradient.sum(0) - gradient)
+    for fold, shift in zip(folds, shifts, strict=True):
         loss[fold] += fitted.gradient[fold] @ shift
         loss[fold] += 0.5 * np.einsum("rkl,k,l->r", fitted.hessian[fold], shift, shift)
     return loss
@@ -131,16 +133,3 @@ def gain_of(gains: np.ndarray) -> Gain:
     return Gain(
         float(gains.sum()), error, skewness if np.isfinite(skewness) else 0.0, used.size - 1
     )
-
-
-def best_stretch(less: Fitted, more: Fitted, blocks: int) -> float:
-    """The largest gain of `more` on `less` in that number of neighbouring blocks of one run."""
-    gains = expected_loss(less) - expected_loss(more)
-    return float(np.convolve(gains, np.ones(blocks)).max())
-
-
-def steps_without(fitted: Fitted, folds: Sequence[np.ndarray]) -> np.ndarray:
-    """The change of the parameters when the runs of each fold are left out, [folds, free]."""
-    hessian = np.stack([fitted.hessian[fold].sum(0) for fold in folds])
-    gradient = np.stack([fitted.gradient[fold].sum(0) for fold in folds])
-    return -solve(fitted.hessian.sum(0) - hessian, fitted.gradient.sum(0) - gradient)

@@ -1,12 +1,12 @@
 """From measured runs to the arrays of the compiled program, and which of their columns vary."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from adhesion_jax.discovery.model.program import Data
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import ANGLES, TEMPERATURES, Calendar, completed_runs
 from adhesion_jax.records import Record
@@ -29,6 +29,19 @@ _BOTH_BRANCHES = 0.05
 
 #: A column is taken for constant if its range is at most this share of its largest value.
 _CONSTANT = 1e-9
+
+
+# It holds NumPy arrays outside a program and jax arrays inside it (hence `Any`).
+
+
+class Data(NamedTuple):
+    """The measured runs, padded; conditions hold every column that any effect needs."""
+
+    slip: Float[Any, "runs points"]
+    adhesion: Float[Any, "runs points"]
+    span: Float[Any, " two"]  # of the departure: its reach, and the largest slip of the points
+    conditions: Mapping[str, Float[Any, "runs points"]]
+    columns: Float[Any, "columns runs points"]  # columns that a term may be a function of
 
 
 class Problem(NamedTuple):

@@ -1,6 +1,6 @@
-"""One compiled program for every model: a curve and slots for effects, each of any kind."""
+"""One program for every model, a curve and slots for effects of any kind, and its least squares."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -8,39 +8,31 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from adhesion_jax.curves import BASES, Conditions, with_free_values
+from adhesion_jax.curves import BASES, Conditions, Curve, with_free_values
 from adhesion_jax.curves.bent import BELOW_EFFECTS, functions
 from adhesion_jax.discovery.model.packing import Model, layout, parts, words_of
+from adhesion_jax.discovery.model.problem import Data
 from adhesion_jax.effects import KINDS
 from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips
+from adhesion_jax.optim.levenberg_marquardt import Local, Search, advance, arrived, begin
 from adhesion_jax.programs import kept
 
 #: `changes` takes this many models at a time, whatever their number: one program for all data.
 PROBES = 16
 
+#: Largest number of steps of a fit.
+_STEPS = 400
+
 #: Number of parameters whose derivatives are taken together, sharing the transcendental functions;
 #: the numbers of parameters of the program's sizes are multiples of it.
 _TOGETHER = 24
-
-# It holds NumPy arrays outside a program and jax arrays inside it (hence `Any`).
-
-
-class Data(NamedTuple):
-    """The measured runs, padded; conditions hold every column that any effect needs."""
-
-    slip: Float[Any, "runs points"]
-    adhesion: Float[Any, "runs points"]
-    span: Float[Any, " two"]  # of the departure: its reach, and the largest slip of the points
-    conditions: Mapping[str, Float[Any, "runs points"]]
-    columns: Float[Any, "columns runs points"]  # columns that a term may be a function of
 
 
 class _Slots(NamedTuple):
     """The effects of a model, one in each slot, and what they see of one run."""
 
+    model: Model
     parameters: Array
-    kind: Array
-    column: Array
     conditions: Conditions
     columns: Array
 
@@ -56,7 +48,7 @@ class _Slots(NamedTuple):
         def branch(name: str) -> Callable[[Array], Array]:
             return lambda value: acts(self._effect(name, slot), self._seen(slot), value)
 
-        which = layout().branches(names)[self.kind[slot]]
+        which = layout().branches(names)[self.model.kind[slot]]
         return jax.lax.switch(which, [lambda value: value, *map(branch, names)], value)
 
     def _effect(self, name: str, slot: Array) -> Any:
@@ -65,32 +57,20 @@ class _Slots(NamedTuple):
         return named(**numbers, **dict(zip(words_of(named), ("first", "second"), strict=False)))
 
     def _seen(self, slot: Array) -> Conditions:
-        first, second = (self.columns[self.column[slot, place]] for place in (0, 1))
+        first, second = (self.columns[self.model.column[slot, place]] for place in (0, 1))
         return {**self.conditions, "first": first, "second": second}
 
 
 def _adhesion(
-    base: Array,
-    values: Array,
-    kind: Array,
-    column: Array,
-    slip: Array,
-    span: Array,
-    conditions: Conditions,
-    columns: Array,
-    peak: Array,
+    model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
 ) -> Float[Array, " points"]:
     """The prediction of a model for one run, equal to that of `law.with_effects`."""
+    kind, column = model.kind, model.column
     if not kind.size:
-        return _curve(base, values, span, slip, conditions)
+        return _curve(model, span, slip, conditions)
     places = layout()
-    slots = _Slots(
-        values[places.base : -1].reshape(kind.size, places.effect),
-        kind,
-        column,
-        conditions,
-        columns,
-    )
+    parameters = model.values[places.base : -1].reshape(kind.size, places.effect)
+    slots = _Slots(model, parameters, conditions, columns)
     # The loops end at the last effect: empty slots take no time.
     used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
 
@@ -114,13 +94,13 @@ def _adhesion(
         return slots.acting(places.causes, slot, change, adhesion)
 
     def curve(slip: Array) -> Array:
-        return _curve(base, values, span, slip, conditions)
+        return _curve(model, span, slip, conditions)
 
     sums = jax.lax.fori_loop(0, used, shape, jnp.zeros((len(ACTS_ON), slip.size)))
     level, stretch, fall, offset, shift = sums
     bent = jax.lax.fori_loop(0, used, before, slip) * jnp.exp(stretch) + shift
     adhesion = jax.lax.cond(
-        _falls(kind, column),
+        _falls(model),
         lambda adhesion: fallen(curve, bent, adhesion, fall, peak),
         lambda plain: plain,
         curve(bent),
@@ -128,25 +108,22 @@ def _adhesion(
     return jax.lax.fori_loop(0, used, after, adhesion * jnp.exp(level) + offset)
 
 
-def _curve(base: Array, values: Array, span: Array, slip: Array, conditions: Conditions) -> Array:
+def _curve(model: Model, span: Array, slip: Array, conditions: Conditions) -> Array:
     """The prediction of the curve without effects."""
-    departure = _departures(slip, _factors(values), span)
+    departure = _departures(slip, _factors(model.values), span)
     bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
-    return _straight(base, values, slip, conditions) * (1 + bend)
+    return _straight(model, slip, conditions) * (1 + bend)
 
 
-def _straight(base: Array, values: Array, slip: Array, conditions: Conditions) -> Array:
+def _straight(model: Model, slip: Array, conditions: Conditions) -> Array:
     """The prediction of the curve without effects and without its departure."""
-    branches = [
-        partial(
-            lambda slip, curve: with_free_values(curve, values[: len(curve.free)])(
-                slip, conditions
-            ),
-            curve=curve,
+
+    def branch(curve: Curve) -> Callable[[Array], Array]:
+        return lambda slip: with_free_values(curve, model.values[: len(curve.free)])(
+            slip, conditions
         )
-        for curve in BASES.values()
-    ]
-    return jax.lax.switch(base, branches, slip)
+
+    return jax.lax.switch(model.base, [branch(curve) for curve in BASES.values()], slip)
 
 
 def _factors(values: Array) -> Float[Array, "two functions"]:
@@ -181,55 +158,43 @@ def _(
     return shape @ factors.T, change
 
 
-def _falls(kind: Array, column: Array) -> Bool[Array, ""]:
+def _falls(model: Model) -> Bool[Array, ""]:
     """Whether a term acts on the fall of the curve."""
-    return jnp.any((kind > 0) & (column[:, 2] == ACTS_ON.index("fall")))
+    return jnp.any((model.kind > 0) & (model.column[:, 2] == ACTS_ON.index("fall")))
 
 
-def _peaks(model: Model, data: Data, values: Array) -> Float[Array, "runs points"]:
+def _peaks(model: Model, data: Data) -> Float[Array, "runs points"]:
     """The slip of the curve's peak if a term acts on the fall beyond it, else infinity."""
     if not model.kind.size:
         return jnp.full_like(data.slip, jnp.inf)
     return jax.lax.cond(
-        _falls(model.kind, model.column),
-        lambda slip: peak_slips(
-            lambda slip: _curve(model.base, values, data.span, slip, data.conditions), slip
-        ),
+        _falls(model),
+        lambda slip: peak_slips(lambda slip: _curve(model, data.span, slip, data.conditions), slip),
         lambda slip: jnp.full_like(slip, jnp.inf),
         data.slip,
     )
 
 
 def _predict(
-    model: Model, data: Data, values: Array, peaks: Float[Array, "runs points"]
+    model: Model, data: Data, peaks: Float[Array, "runs points"]
 ) -> Float[Array, "runs points"]:
-    def run(slip: Array, conditions: Conditions, columns: Array, peak: Array) -> Array:
-        return _adhesion(
-            model.base,
-            values,
-            model.kind,
-            model.column,
-            slip,
-            data.span,
-            conditions,
-            columns,
-            peak,
-        )
-
+    run = partial(_adhesion, model, data.span)
     return jax.vmap(run, in_axes=(0, 0, 1, 0))(data.slip, data.conditions, data.columns, peaks)
 
 
-def with_jacobian(
-    model: Model, data: Data, root: Float[Array, "runs points"], values: Array
+def _with_jacobian(
+    model: Model, data: Data, root: Float[Array, "runs points"]
 ) -> tuple[Array, Array, Array]:
     """Prediction, residual, and Jacobian [free, runs, points], the last two times `root`."""
     if not model.kind.size:
-        adhesion, jacobian = _of_curve_alone(model, data, values)
+        adhesion, jacobian = _of_curve_alone(model, data)
         return adhesion, root * (adhesion - data.adhesion), root * jacobian
-    peaks = _peaks(model, data, values)
+    peaks, values = _peaks(model, data), model.values
 
     def push(tangent: Array) -> tuple[Array, Array]:
-        adhesion, change = jax.jvp(lambda v: _predict(model, data, v, peaks), (values,), (tangent,))
+        adhesion, change = jax.jvp(
+            lambda v: _predict(model._replace(values=v), data, peaks), (values,), (tangent,)
+        )
         return adhesion, root * change
 
     def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -246,15 +211,16 @@ def with_jacobian(
     return adhesion, root * (adhesion - data.adhesion), jacobian
 
 
-def _of_curve_alone(model: Model, data: Data, values: Array) -> tuple[Array, Array]:
+def _of_curve_alone(model: Model, data: Data) -> tuple[Array, Array]:
     """Prediction and Jacobian of a curve without effects, linear in the factors of a departure."""
     count = layout().curve
     straight, push = jax.linearize(
-        lambda v: _straight(model.base, v, data.slip, data.conditions), values[:count]
+        lambda v: _straight(model._replace(values=v), data.slip, data.conditions),
+        model.values[:count],
     )
     shape = jnp.moveaxis(functions(data.slip, data.span[0], data.span[1], BELOW_EFFECTS), -1, 0)
     both = jnp.stack([shape, jnp.where(data.slip < 0, shape, 0.0)])
-    bent = 1 + jnp.einsum("bk,bkrt->rt", _factors(values), both)
+    bent = 1 + jnp.einsum("bk,bkrt->rt", _factors(model.values), both)
     of_curve = bent * jax.vmap(push)(jnp.eye(count))
     of_factors = straight * both.reshape(-1, *data.slip.shape)
     padding = jnp.zeros((1, *data.slip.shape))
@@ -267,12 +233,63 @@ def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs 
     """The prediction of each model less the prediction `now`."""
 
     def change(model: Model) -> Array:
-        return _predict(model, data, model.values, _peaks(model, data, model.values)) - now
+        return _predict(model, data, _peaks(model, data)) - now
 
     return jax.lax.map(change, models)
 
 
 @kept(reads=parts)
-def predicted(model: Model, data: Data) -> Float[Array, "runs points"]:
-    """The prediction of a model."""
-    return _predict(model, data, model.values, _peaks(model, data, model.values))
+def fit(
+    model: Model,
+    data: Data,
+    root: Float[Any, "runs points"],
+    near: Float[Any, ""],
+) -> tuple[Array, ...]:
+    """The least squares of a model from its values, by Levenberg and Marquardt inside the bounds.
+
+    The loss is half the sum of squares of the residuals in units of the noise, `root` its
+    reciprocal, plus the prior of the parameters, which is shared out to the runs evenly. Returns
+    the values, then loss, gradient, Hessian, adhesion, residual and Jacobian as `Fitted` has them.
+
+    The fit ends where the next step promises to lower the loss by less than the share `near` of it,
+    where several successive steps lower it by less, or after a fixed number of steps.
+    """
+
+    def evaluated(at: Float[Array, " free"]) -> Local:
+        values = model.values.at[model.free].set(at).at[-1].set(0.0)
+        adhesion, residual, jacobian = _with_jacobian(model._replace(values=values), data, root)
+        flat = jacobian.reshape(jacobian.shape[0], -1)
+        pull = model.precision @ at
+        return Local(
+            0.5 * (jnp.sum(residual**2) + at @ pull),
+            flat @ residual.ravel() + pull,
+            flat @ flat.T + model.precision,
+            (adhesion, residual, jacobian),
+        )
+
+    def unfinished(search: Search) -> Bool[Array, ""]:
+        return ~arrived(search, near) & (search.steps < _STEPS)
+
+    def one_step(search: Search) -> Search:
+        return advance(evaluated, search, model.lower, model.upper, near)
+
+    zero = jnp.zeros_like(data.slip)
+    rest = zero, zero, jnp.zeros((model.free.size, *zero.shape))
+    start = begin(model.values[model.free], rest)
+    best = jax.lax.while_loop(unfinished, one_step, start)
+    adhesion, residual, jacobian = best.local.rest
+    some = jnp.any(root > 0, axis=1)
+    share = some / jnp.maximum(jnp.sum(some), 1)
+    pull = model.precision @ best.x
+    found = 0.5 * (jnp.sum(residual**2, axis=1) + share * (best.x @ pull))
+    gradient = jnp.einsum("krt,rt->rk", jacobian, residual)
+    hessian = jnp.einsum("krt,lrt->rkl", jacobian, jacobian)
+    return (
+        model.values.at[model.free].set(best.x).at[-1].set(0.0),
+        jnp.where(jnp.isfinite(best.local.loss), found, jnp.inf),
+        gradient + share[:, None] * pull,
+        hessian + share[:, None, None] * model.precision,
+        adhesion,
+        residual,
+        jacobian,
+    )

@@ -1,13 +1,14 @@
-"""The library of the search: the effects that the data can test, and plain columns."""
+"""The library of the search: the effects that the data can test, plain columns, and pairs."""
 
 import dataclasses
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import (
     EFFECTS,
     Covariate,
@@ -17,6 +18,7 @@ from adhesion_jax.effects import (
     Periodic,
     ShapeTerm,
     Spline,
+    Surface,
     family_of,
 )
 from adhesion_jax.effects.shape import ACTS_ON
@@ -29,6 +31,9 @@ _SITES: Mapping[type[ShapeTerm], Sequence[str]] = {
     Labels: ("level", "slip"),
     Memory: ("level", "slip"),
 }
+
+#: A column that is a function of the slip: its effects bend the curve whatever part they act on.
+_OF_SLIP = "slip_velocity_mps"
 
 #: Why what acts in time is not tested in other data.
 NO_TIME = "acts within a run in time, and the data are no runs in time"
@@ -109,9 +114,43 @@ def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list
     return [
         entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
         for acts_on in _SITES.get(kind, ACTS_ON)
-        # A function of the slip bends the curve whatever part of the curve it acts on.
-        if acts_on == "level" or column != "slip_velocity_mps"
+        if acts_on == "level" or column != _OF_SLIP
     ]
+
+
+def surfaces(
+    problem: Problem, columns: Iterable[str], beside: Sequence[str] = ()
+) -> tuple[Entry, ...]:
+    """A smooth surface over every pair of the columns, or of one of them and one of `beside`.
+
+    Columns are given by their labels; unknown ones are skipped, and so are pairs of columns that
+    are nearly proportional. There is an entry for each part of the curve that the surface may act
+    on: with the slip velocity, only the level.
+    """
+    places = {
+        label_of(name, problem.measured): name
+        for name in problem.columns
+        if name not in problem.named
+    }
+    chosen = [places[label] for label in dict.fromkeys(columns) if label in places]
+    others = [places[label] for label in dict.fromkeys(beside) if label in places] or chosen
+    entries = []
+    for at, one in enumerate(chosen):
+        for other in others if beside else chosen[at + 1 :]:
+            if one == other:
+                continue
+            correlation = np.corrcoef(problem.flat[one], problem.flat[other])[0, 1]
+            if abs(correlation) > rules.SAME_COLUMN_CORRELATION:
+                continue
+            pair = {name: problem.flat[name] for name in sorted((one, other))}
+            name = "product:" + "*".join(label_of(one, problem.measured) for one in pair)
+            entries += [
+                entry_of(name, [dataclasses.replace(start, acts_on=acts_on)], problem)
+                for start in Surface.starts(pair)
+                for acts_on in ACTS_ON
+                if acts_on == "level" or _OF_SLIP not in pair
+            ]
+    return tuple(entries)
 
 
 def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:

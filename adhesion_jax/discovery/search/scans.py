@@ -7,12 +7,12 @@ import numpy as np
 import scipy
 from scipy.ndimage import median_filter
 
-from adhesion_jax.discovery.model.fitting import Fitted
+from adhesion_jax.discovery.model.fitting import Fitted, has_room
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import Null
-from adhesion_jax.discovery.search.screening import FLIPS, least_p
+from adhesion_jax.discovery.search.screening import FLIPS, Score, least_p
 from adhesion_jax.effects import EFFECTS, Effect, Periodic, family_of
 from adhesion_jax.effects.wave import Wave
 
@@ -39,15 +39,11 @@ def _axes() -> dict[str, str]:
     return dict(sorted((kind.FACTS.needs[0], name) for name, kind in waves))
 
 
-class Line(NamedTuple):
-    """A wave along a column, as a candidate of the search."""
-
-    entry: Entry
-    p: float  # adjusted for all lengths
-
-
-def waves(null: Null, taken: Sequence[str], seed: int) -> list[Line]:
+def waves(null: Null, taken: Sequence[str], seed: int) -> list[Score]:
     """The strongest coherent wave along each axis, if it is significant; none of those `taken`.
+
+    Their z is only the deviate of p, which sign flips bound from below, and what they would gain
+    and change is not worked out before they are fitted.
 
     The score of a run at a frequency f is the sum over its points of residual times adhesion times
     exp(i 2 pi f z), z the place along the axis. The coherence of the runs at f is |sum of their
@@ -71,7 +67,10 @@ def waves(null: Null, taken: Sequence[str], seed: int) -> list[Line]:
             continue
         start = _start(axis, effect, frequency)
         label = label_of(axis, problem.measured)
-        found.append(Line(Entry(name, (start,), (label,), ":" in name, family_of(name)), p))
+        entry = Entry(name, (start,), (label,), ":" in name, family_of(name))
+        z, unknown = float(scipy.stats.norm.isf(p)), np.zeros(0)
+        if has_room(null.fitted.effects, start):
+            found.append(Score(entry, start, z, p, np.nan, unknown, unknown))
     return found
 
 

@@ -87,14 +87,6 @@ class Score(NamedTuple):
         return self.entry.name, type(self.start), self.entry.acts_on
 
 
-class _Tested(NamedTuple):
-    starts: list[tuple[Entry, Effect]]
-    z: np.ndarray  # [starts]
-    largest: np.ndarray  # [flips]: the largest z of any start
-    gains: list[np.ndarray]  # [starts]
-    changes: list[np.ndarray]  # [starts]
-
-
 def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Score, ...]:
     """The best start of each form of an entry, the largest z first.
 
@@ -116,7 +108,7 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     What is tested within runs is held against the scatter of stretches of them.
     """
     largest = np.full(FLIPS, -np.inf)
-    tested: list[_Tested] = []
+    tested: list[Score] = []
     for null, entries in parts:
         starts = [
             (entry, start)
@@ -125,23 +117,19 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
             if has_room(null.fitted.effects, start)
         ]
         for group in _groups(starts):
-            one = _tested(null, group, seed)
-            largest = np.maximum(largest, one.largest)
-            tested.append(one)
-    if not any(one.starts for one in tested):
+            some, of_signs = _tested(null, group, seed)
+            largest = np.maximum(largest, of_signs)
+            tested += some
+    if not tested:
         return ()
     needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
     runs = parts[0][0].fitted.setting.problem.runs
     scores: dict[Form, Score] = {}
     for one in tested:
-        told = zip(one.starts, one.z, one.gains, one.changes, strict=True)
-        for (entry, start), z, gains, change in told:
-            p = adjusted(float(z), largest, runs)
-            score = Score(entry, start, float(z), p, needed, gains, change)
-            old = scores.get(score.form, score)
-            best = score if (old.gains.sum(), old.z) < (gains.sum(), z) else old
-            z, p = max(old.z, score.z), min(old.p, score.p)
-            scores[score.form] = best._replace(z=z, p=p)
+        score = one._replace(p=adjusted(one.z, largest, runs), needed=needed)
+        old = scores.get(score.form, score)
+        best = score if (old.gains.sum(), old.z) < (score.gains.sum(), score.z) else old
+        scores[score.form] = best._replace(z=max(old.z, score.z), p=min(old.p, score.p))
     return tuple(sorted(scores.values(), key=lambda score: -score.z))
 
 
@@ -160,7 +148,10 @@ def _groups(
     return groups
 
 
-def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _Tested:
+def _tested(
+    null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int
+) -> tuple[list[Score], np.ndarray]:
+    """The starts before their p is known, and the largest z of any of them by signs, [FLIPS]."""
     probes, owner = split([start for _, start in starts])
     testable, flat = directions_of(null, probes)
     blocks, places = [], []
@@ -185,16 +176,14 @@ def _tested(null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int) -> _T
         blocks += forms
         places += [place] * len(forms)
     if not blocks:
-        return _Tested([], np.zeros(0), np.full(FLIPS, -np.inf), [], [])
+        return [], np.full(FLIPS, -np.inf)
     z, largest = signed(null, blocks, seed)
-    kept = [starts[place] for place in places]
     nothing = np.zeros(ends.size), np.zeros(0)
-    told = [
-        _gained(block, null.residual, ends) if ndtr(-one) <= _SURE else nothing
-        for block, one in zip(blocks, z, strict=True)
-    ]
-    gains, changes = [one for one, _ in told], [change for _, change in told]
-    return _Tested(kept, z, largest, gains, changes)
+    found = []
+    for place, block, one in zip(places, blocks, z.tolist(), strict=True):
+        told = _gained(block, null.residual, ends) if ndtr(-one) <= _SURE else nothing
+        found.append(Score(*starts[place], one, np.nan, np.nan, *told))
+    return found, largest
 
 
 def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -3,17 +3,13 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy
 
-from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column
-from adhesion_jax.discovery.search.joint import surfaces
+from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column, surfaces
 from adhesion_jax.discovery.search.probes import Null, null_of, split
-from adhesion_jax.discovery.search.pruning import pruned
-from adhesion_jax.discovery.search.refinement import fitted_start, refined
+from adhesion_jax.discovery.search.refinement import fitted_start, pruned, refined
 from adhesion_jax.discovery.search.scans import waves
 from adhesion_jax.discovery.search.screening import Score, least_p, screen
 from adhesion_jax.discovery.search.state import (
@@ -41,9 +37,6 @@ from adhesion_jax.wording import p_is
 
 #: Columns that say which slip a point has.
 _OF_THE_SLIP = ("slip_ratio", "slip_velocity_mps")
-
-#: The gains and the change of a wave are not worked out before it is fitted.
-_UNKNOWN = (np.zeros(0), np.zeros(0))
 
 #: Columns that an inexact formula of any effect may leave something against.
 _ALWAYS_THERE = (*_OF_THE_SLIP, "vehicle_speed_mps", "time_s")
@@ -143,16 +136,8 @@ def _open(entries: Sequence[Entry], state: Selection) -> Sequence[Entry]:
 def _scanned(
     state: Selection, nulls: Sequence[Null], scores: Sequence[Score], seed: int
 ) -> Sequence[Score]:
-    """Waves by their coherence over runs, then pairs of the columns of best score by score tests.
-
-    Waves come first: their z is only the deviate of p, which sign flips bound from below.
-    """
-    taken = [effect.name for effect in state.accepted]
-    lines = [
-        Score(entry, entry.starts[0], float(scipy.stats.norm.isf(p)), p, np.nan, *_UNKNOWN)
-        for entry, p in waves(nulls[0], taken, seed)
-        if has_room(state.fitted.effects, entry.starts[0])
-    ]
+    """Waves by their coherence over runs, then pairs of the columns of best score."""
+    lines = waves(nulls[0], [effect.name for effect in state.accepted], seed)
     columns = [label for label in _columns_of(scores) if label not in _OF_THE_SLIP]
     pairs = _open(surfaces(state.setting.problem, columns[: rules.PAIRED_COLUMNS]), state)
     joint = screen([(null, pairs) for null in nulls], seed) if pairs else []

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from adhesion_jax.discovery.model.fitting import Fitted, Setting, nearly_fitted, robustly_fitted
+from adhesion_jax.discovery.model.fitting import Fitted, Setting, refitted, robustly_fitted
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Effect
@@ -77,13 +77,10 @@ def all_but(accepted: Sequence[Accepted], number: int) -> tuple[Accepted, ...]:
 
 def settled(state: Selection, accepted: Sequence[Accepted]) -> Selection:
     """The state with these effects: refitted, with the weights that its own residual asks for."""
-    fitted = robustly_fitted(refitted(state, parts_of(accepted)))
-    return state._replace(fitted=fitted, accepted=refreshed(accepted, fitted.effects))
-
-
-def refreshed(accepted: Sequence[Accepted], effects: Sequence[Effect]) -> tuple[Accepted, ...]:
-    """The accepted effects with the parameters of a fit; `effects` are those of the fit by slot."""
-    return with_parts(accepted, slots_of(accepted), effects)
+    fitted = robustly_fitted(refitted(state.fitted, parts_of(accepted)))
+    return state._replace(
+        fitted=fitted, accepted=with_parts(accepted, slots_of(accepted), fitted.effects)
+    )
 
 
 def with_parts(
@@ -100,8 +97,3 @@ def with_parts(
         )
         for number, effect in enumerate(accepted)
     )
-
-
-def refitted(state: Selection, effects: Sequence[Effect]) -> Fitted:
-    """The base curve refitted with other effects, from the parameters that it has."""
-    return nearly_fitted(state.setting, state.base, state.fitted.base_values.tolist(), effects)

@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
+from adhesion_jax.discovery.model.fitting import refitted
 from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
@@ -15,7 +16,6 @@ from adhesion_jax.discovery.search.state import (
     all_but,
     as_effect,
     parts_of,
-    refitted,
     settled,
 )
 from adhesion_jax.discovery.search.trials import is_worth
@@ -48,13 +48,13 @@ def together(state: Selection, null: Null, number: int, seed: int) -> Selection:
     some = [lines[place] for place in chosen[best]]
     new = [as_effect(line, (line.name,), line.starts[0], p, 0.0) for line in some]
     more = settled(state, [*state.accepted, *new])
-    less = refitted(more, parts_of(state.accepted))
+    less = refitted(more.fitted, parts_of(state.accepted))
     if not is_worth(less, more.fitted, generic=True):
         return state
     first = len(state.accepted)
     gains, worth = [], []
     for place in range(first, len(more.accepted)):
-        without = refitted(more, parts_of(all_but(more.accepted, place)))
+        without = refitted(more.fitted, parts_of(all_but(more.accepted, place)))
         gains.append(gain(without, more.fitted))
         worth.append(is_worth(without, more.fitted, generic=True))
     accepted, rows = [*state.accepted], []

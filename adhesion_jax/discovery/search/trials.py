@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from adhesion_jax.discovery.model.fitting import Fitted, nearly_fitted, side_by_side
+from adhesion_jax.discovery.model.fitting import Fitted, refitted, side_by_side
 from adhesion_jax.discovery.model.prediction import (
     Gain,
-    best_stretch,
     expected_loss,
     gain,
     gain_of,
@@ -52,13 +51,9 @@ def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
 
 def tried(fitted: Fitted, shortlist: Sequence[Score]) -> Sequence[Trial]:
     """Each candidate refitted together with the model, if that lowers its loss."""
-    values = fitted.base_values.tolist()
-
-    def refit(score: Score) -> Fitted:
-        effects = (*fitted.effects, _small(score.start))
-        return nearly_fitted(fitted.setting, fitted.base, values, effects)
-
-    fits = side_by_side(refit, shortlist)
+    fits = side_by_side(
+        lambda score: refitted(fitted, (*fitted.effects, _small(score.start))), shortlist
+    )
     return [
         trial_of(more, score)
         for score, more in zip(shortlist, fits, strict=True)
@@ -153,8 +148,10 @@ def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
     In a log of one run in time they must do so without any one stretch of it as well: what happened
     once, at one time and place, goes with every column that was different there.
     """
-    gained = gain(less, more)
-    stretch = best_stretch(less, more, rules.STRETCH_BLOCKS) if less.log else 0.0
+    gains = expected_loss(less) - expected_loss(more)
+    gained, stretch = gain_of(gains), 0.0
+    if less.log:
+        stretch = float(np.convolve(gains, np.ones(rules.STRETCH_BLOCKS)).max())
     needed = rules.SURE_ERRORS_OF_COLUMN if generic else rules.SURE_ERRORS
     sure = gained._replace(total=gained.total - stretch).deviate > needed
     least = min(least_gain(less, rules.LEAST_SHARE_OF_LOSS), rules.LEAST_GAIN)
