@@ -89,13 +89,13 @@ def discover(
     blocks = condensed(runs)
     progress("fitting the base curves", 0.02)
     slip = slip_noise_of(blocks, slip_noise)
-    plain, spread = _without_effects(runs, blocks, slip.spread, bases)
+    plain = _without_effects(runs, blocks, slip.spread, bases)
     problem = plain.setting.problem
     same = echoes(plain.fitted)
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
     falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
-    plain, final = _plainer(plain, final, falling, spread, entries, seed, progress)
+    plain, final = _plainer(plain, final, falling, entries, seed, progress)
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(final.accepted))
     line = None if waves else torsion(final.fitted)
@@ -140,8 +140,8 @@ def _contents(runs: RunSet) -> dict[bytes, str]:
 
 def _without_effects(
     runs: RunSet, blocks: RunSet, spread: np.ndarray, bases: tuple[str, ...]
-) -> tuple[Selection, np.ndarray]:
-    """The best curve alone, and the noise of the slip of its points, [runs, points].
+) -> Selection:
+    """The best curve alone; `spread` [points] is the noise of the slip.
 
     It is fitted a second time to blocks of rows, as if the slip stood still in each.
     """
@@ -152,7 +152,7 @@ def _without_effects(
     if blocks is not runs:
         problem = _problem(blocks._replace(whole=_straightened(plain, runs, blocks)))
         plain = Selection(best_alone(problem, spreads, (plain.base,)))
-    return plain, spreads
+    return plain
 
 
 def _test_words(runs: RunSet, test: RunSet | None) -> list[str]:
@@ -225,7 +225,6 @@ def _plainer(
     plain: Selection,
     final: Selection,
     falling: Sequence[str],
-    spread: np.ndarray,
     entries: Sequence[Entry],
     seed: int,
     progress: Callable[[str, float], None],
@@ -239,7 +238,7 @@ def _plainer(
     """
     if not falling:
         return plain, final
-    steep = Selection(best_alone(plain.setting.problem, spread, falling))
+    steep = Selection(best_alone(plain.setting.problem, plain.setting.spread, falling))
     gained = gain(plain.fitted, under(_like(plain, steep), steep.fitted))
     if gained.deviate <= rules.SURE_ERRORS_OF_COLUMN:
         return plain, final

@@ -43,12 +43,9 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
         probes = [effect.parts[0], *(start for entry in others for start in entry.starts)]
         testable, directions = directions_of(null_of(less), probes)
         cosines = np.abs(directions[:, 1:].T @ directions[:, 0]) * testable[1:]
-        place = 0
-        for entry in others:
-            count = len(entry.starts)
-            best = float(cosines[place : place + count].max())
-            found.append(Likeness(effect.name, entry, min(best, 1.0)))
-            place += count
+        ends = np.cumsum([len(entry.starts) for entry in others], dtype=int)
+        for entry, own in zip(others, np.split(cosines, ends)[:-1], strict=True):
+            found.append(Likeness(effect.name, entry, min(float(own.max()), 1.0)))
     return tuple(sorted(found, key=lambda likeness: -likeness.cosine))
 
 

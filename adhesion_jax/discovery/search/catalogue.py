@@ -11,6 +11,7 @@ from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import (
     EFFECTS,
+    Columns,
     Covariate,
     Effect,
     Labels,
@@ -81,11 +82,7 @@ def forms_of_column(column: str, problem: Problem) -> list[Entry]:
         start = Periodic(0.01, 0.01, 1 / turn, column=column)
         entries.append(entry_of(f"covariate:{label}", [start], problem))
     if problem.in_time and not constant_within_runs(column, problem):
-        entries += [
-            entry
-            for entry in column_entries(Memory, column, problem)
-            if entry.acts_on in ("level", "slip")
-        ]
+        entries += column_entries(Memory, column, problem)
     return [entry for entry in entries if entry.starts]
 
 
@@ -110,11 +107,18 @@ def constant_within_runs(column: str, problem: Problem) -> bool:
 def column_entries(kind: type[ShapeTerm], column: str, problem: Problem) -> list[Entry]:
     """The entries of a column by one kind of term, one for each part of the curve it may act on."""
     name = f"covariate:{label_of(column, problem.measured)}"
-    starts = kind.starts({column: problem.flat[column]})
+    return _term_entries(kind, name, {column: problem.flat[column]}, problem)
+
+
+def _term_entries(
+    kind: type[ShapeTerm], name: str, columns: Columns, problem: Problem
+) -> list[Entry]:
+    """An entry for each part of the curve that a term over some columns may act on."""
+    starts = kind.starts(columns)
     return [
         entry_of(name, [dataclasses.replace(start, acts_on=acts_on) for start in starts], problem)
         for acts_on in _SITES.get(kind, ACTS_ON)
-        if acts_on == "level" or column != _OF_SLIP
+        if acts_on == "level" or _OF_SLIP not in columns
     ]
 
 
@@ -144,12 +148,7 @@ def surfaces(
                 continue
             pair = {name: problem.flat[name] for name in sorted((one, other))}
             name = "product:" + "*".join(label_of(one, problem.measured) for one in pair)
-            entries += [
-                entry_of(name, [dataclasses.replace(start, acts_on=acts_on)], problem)
-                for start in Surface.starts(pair)
-                for acts_on in ACTS_ON
-                if acts_on == "level" or _OF_SLIP not in pair
-            ]
+            entries += _term_entries(Surface, name, pair, problem)
     return tuple(entries)
 
 
