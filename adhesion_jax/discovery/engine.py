@@ -12,7 +12,7 @@ from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import block_means, condensed, hidden_shares
 from adhesion_jax.data.reading import POINTS
 from adhesion_jax.data.runs import Rows, RunSet
-from adhesion_jax.discovery.findings.summary import Searched, law_of, summarise
+from adhesion_jax.discovery.findings.summary import law_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.fitting import Setting, under
@@ -22,14 +22,12 @@ from adhesion_jax.discovery.model.problem import Problem, prepare
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
-from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of, import_trees, second_opinion
-from adhesion_jax.discovery.search.selection import search, undecided
-from adhesion_jax.discovery.search.state import Selection, parts_of
+from adhesion_jax.discovery.search.selection import search
+from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
-from adhesion_jax.effects.wave import Wave
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -96,9 +94,6 @@ def discover(
     final = search(plain, entries, seed, progress)
     falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
     plain, final = _plainer(plain, final, falling, entries, seed, progress)
-    # A wave along the track whose form is inexact leaves lines in the spectrum over time.
-    waves = any(isinstance(part, Wave) for part in parts_of(final.accepted))
-    line = None if waves else torsion(final.fitted)
     progress("asking for a second opinion", 0.85)
     opinion = opinion_of(final, seed, same)
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
@@ -106,8 +101,7 @@ def discover(
     if correct and (opinion is None or opinion.correction is None):
         warnings.append(f"No correction by boosted trees was made: {_without_trees(final)}")
     progress("measuring the errors", 0.95)
-    searched = Searched(runs, blocks, plain, final, slip, line, undecided(final), opinion)
-    found = summarise(searched, test, warnings, correct, seed)
+    found = summarise(runs, blocks, plain, final, slip, opinion, test, warnings, correct, seed)
     seconds = time.perf_counter() - began
     return found._replace(source=source, citation=citation, seconds=seconds)
 
@@ -292,7 +286,7 @@ def of_independent_blocks(state: Selection) -> bool:
 
 def _without_trees(state: Selection) -> str:
     """Why what a law leaves is not corrected by trees."""
-    runs, needed = state.setting.problem.runs, rules.FEWEST_RUNS_OF_OPINION
+    runs, needed = state.setting.problem.runs, rules.FEWEST_RUNS
     if runs < needed:
         return f"{needed} runs would show whether they predict anything, and there are {runs}."
     if not of_independent_blocks(state):

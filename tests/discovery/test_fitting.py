@@ -25,13 +25,12 @@ from adhesion_jax.discovery.model.fitting import (
     TUNING,
     covariance,
     fit_model,
-    loss_without,
     nearly_fitted,
     quantile,
     slope_of,
     weighed,
 )
-from adhesion_jax.discovery.model.packing import base_curve, effect_places
+from adhesion_jax.discovery.model.packing import base_curve
 from adhesion_jax.discovery.model.prediction import (
     Gain,
     expected_loss,
@@ -367,20 +366,6 @@ def test_points_of_blocks_are_predicted_without_themselves(fitted):
         alone.append(flat[point] @ b - aim[point])
     expected = 0.5 * np.square(alone).reshape(y.shape).sum(axis=1)
     np.testing.assert_allclose(expected_loss(in_blocks(known)), expected, rtol=1e-8)
-
-
-def test_the_loss_without_an_effect_is_that_of_its_quadratic(setting, fitted):
-    """By least squares on the linear model in which the effect's strength is held at nothing."""
-    residual, jacobian = parts_of(setting, "burckhardt", (WARM, FALL))
-    at = free_of(fitted)
-    left, change = residual(at), jacobian(at)
-    place = fitted.places.index(effect_places(0, WARM)["k"])
-    moved = left - change[:, place] * at[place]
-    others = np.delete(change, place, axis=1)
-    rest = moved - others @ np.linalg.lstsq(others, moved, rcond=None)[0]
-    expected = 0.5 * (rest @ rest - left @ left)
-    assert expected > 100
-    assert loss_without(fitted, [0]) == pytest.approx(expected, rel=1e-2)
 
 
 def test_the_weights_are_hubers(setting, fitted):

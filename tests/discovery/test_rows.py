@@ -45,7 +45,7 @@ def test_a_long_run_in_stretches_remembers_what_was_before(runs, monkeypatch):
     monkeypatch.setattr(rows, "_CELLS", 64)
     monkeypatch.setattr(rows, "_FEWEST_POINTS", 16)
     pieces = list(rows._pieces(runs))
-    told = np.concatenate([piece.held[piece.inside] for piece in pieces])
+    told = np.concatenate([held[inside] for held, inside in pieces])
     assert sorted(told.tolist()) == list(range(runs.whole.slip.size))
     np.testing.assert_allclose(rows.predicted(law, runs), whole, atol=2e-6)
 

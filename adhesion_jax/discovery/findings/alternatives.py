@@ -86,7 +86,7 @@ def proposals(state: Selection, alike: Sequence[Likeness]) -> tuple[Proposal, ..
             and one.cosine >= rules.PROPOSED_COSINE
         ]
         z = float(np.sqrt(2 * max(effect.gain, 0.0)))
-        for rival in rivals[: rules.PROPOSED_RIVALS]:
+        for rival in rivals:
             now = z * np.sqrt(max(1 - rival.cosine**2, 0.0))
             own = [name for name in effect.covariates if name not in rival.entry.covariates]
             other = [name for name in rival.entry.covariates if name not in effect.covariates]

@@ -193,15 +193,13 @@ def shape_words(state: Selection) -> tuple[str, ...]:
     bare = nearly_fitted(plain, fitted.base, values, fitted.effects)
     top = float(np.quantile(np.abs(fitted.adhesion[inside]), 0.98))
     away = (np.abs(fitted.adhesion) - np.abs(bare.adhesion))[inside] / top
-    if not np.max(np.abs(away)) > rules.REPORTED_DEPARTURE:
-        return ()
     middle = [
         (float(np.median(away[some])), float(np.median(np.abs(slip[some]))))
         for some in np.array_split(np.argsort(np.abs(slip), kind="stable"), _STRETCHES)
         if some.size
     ]
     share, at = max(middle, key=lambda one: abs(one[0]))
-    if abs(share) < rules.REPORTED_DEPARTURE:
+    if not abs(share) >= rules.REPORTED_DEPARTURE:
         return ()
     return (
         f"The shape of the curve: near slip {at:.2g} it is {abs(share) * 100:.2g} % of the largest "
@@ -237,7 +235,7 @@ def noise_words(state: Selection, noise: RunNoise) -> tuple[str, ...]:
         return tuple(sentences)
     spread = 1.4826 * float(np.median(np.abs(white)))
     outliers = float(np.mean(np.abs(white) > rules.OUTLIER_DEVIATIONS * spread))
-    if outliers > rules.REPORTED_OUTLIERS:
+    if outliers > 0:
         sentences.append(
             f"Noise: {100 * outliers:.2g} % of the points are outliers, beyond five times the "
             "usual deviation."

@@ -120,7 +120,7 @@ def contradiction(effect: Accepted, found: Mapping[str, Interval], held_back: fl
         return ""
     ranges = first.FACTS.parameters
     strengths = {name: found[name] for name in first.FACTS.strengths}
-    much = held_back > rules.CLASS_SHARE * effect.gain
+    much = held_back > rules.MUCH_HELD_BACK * effect.gain
     for name, (value, *_) in strengths.items():
         if first.FACTS.one_sided and value < 0:
             return f"its {name} is {number(value)}, and it would have to be above 0"

@@ -1,7 +1,6 @@
 """The findings of a finished search: effects with intervals, errors, and cautions."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,12 +31,14 @@ from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.rows import Ranges, columns_of, predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
-from adhesion_jax.discovery.search.scans import Torsion
+from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of
-from adhesion_jax.discovery.search.state import Accepted, Selection
-from adhesion_jax.discovery.types import Doubt, Errors, Findings, Opinion
+from adhesion_jax.discovery.search.selection import undecided
+from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
+from adhesion_jax.discovery.types import Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.wave import Wave
 from adhesion_jax.inference.noise import RunNoise, SlipNoise
 
 #: What is reported of the noise.
@@ -47,46 +48,42 @@ _NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")
 _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
 
 
-class Searched(NamedTuple):
-    """What a search leaves behind: two states fitted to all runs, and what was found beside them.
-
-    `runs` are all rows, `blocks` the blocks of them that the states were searched in (the rows, if
-    they are few).
-    """
-
-    runs: RunSet
-    blocks: RunSet
-    plain: Selection  # without effects
-    final: Selection  # with them
-    slip: SlipNoise
-    line: Torsion | None
-    doubts: Sequence[Doubt]
-    opinion: Opinion | None
-
-
 def summarise(
-    searched: Searched, test: RunSet | None, warnings: Sequence[str], correct: bool, seed: int
+    runs: RunSet,
+    blocks: RunSet,
+    plain: Selection,
+    searched: Selection,
+    slip: SlipNoise,
+    opinion: Opinion | None,
+    test: RunSet | None,
+    warnings: Sequence[str],
+    correct: bool,
+    seed: int,
 ) -> Findings:
-    """The findings of a search, but for the names of its data and the time that it took."""
-    runs, plain = searched.runs, searched.plain
-    final, unnamed = vetoed(searched.final)
+    """The findings of a search, but for the names of its data and the time that it took.
+
+    `runs` are all rows, `blocks` the blocks of them that the states without effects (`plain`) and
+    with them were `searched` in: the rows, if they are few.
+    """
+    final, unnamed = vetoed(searched)
     problem = final.setting.problem
     ranges = ranges_of(problem, runs)
     law, bare = law_of(final, ranges), law_of(plain, ranges)
     before, after = predicted(bare, runs), predicted(law, runs)
     validation = validation_of(runs, before, after, plain.fitted, final.fitted, seed)
-    opinion = searched.opinion if correct else None
-    tested, with_trees, predictions = _on_test(test, bare, law, opinion, problem, seed)
+    trees = opinion if correct else None
+    tested, with_trees, predictions = _on_test(test, bare, law, trees, problem, seed)
     refuted = _refuted(final.accepted, validation, tested)
     if refuted and predictions is not None:
         predictions = predictions.assign(corrected=predictions["base"])
-    given = searched.slip.sigma if searched.slip.given else None
-    left = left_by(runs, law, after, final.setting.share, given)
+    left = left_by(runs, law, after, final.setting.share, slip.sigma if slip.given else None)
     noise = noise_of(left)
     outside = extrapolated(final.accepted, problem, law, runs, test)
     alike = likenesses(final, library_of(problem))
     effects = found_effects(final, validation)
-    line = torsion_found(searched.line, validation)
+    # A wave along the track whose form is inexact leaves lines in the spectrum over time.
+    waves = any(isinstance(part, Wave) for part in parts_of(searched.accepted))
+    line = torsion_found(None if waves else torsion(searched.fitted), validation)
     found = [*slip_noise_found(noisy_slip(left), validation), *effects, *line]
     words = (*shape_words(final), *warnings, *noise_words(final, noise))
     far = tuple(sentence for _, sentence in outside)
@@ -110,13 +107,13 @@ def summarise(
         proposals=proposals(final, alike),
         dependences=dependences(final, seed),
         warnings=(*refuted, *unnamed, *words, *far, absent(runs)),
-        points=_points(searched.blocks, before, after),
+        points=_points(blocks, before, after),
         predictions=predictions,
         seconds=0.0,
         thresholds=final.thresholds,
         slip=runs.slip,
-        doubts=tuple(searched.doubts),
-        opinion=searched.opinion,
+        doubts=undecided(searched),
+        opinion=opinion,
         levels=None if runs.blocks else _levels(runs, before, after, noise),
         foremost=(*refuted, *(words for share, words in outside if share > rules.MUCH_OUTSIDE)),
         least_p=least_p(problem.runs),

@@ -191,15 +191,11 @@ def weighed(fitted: Fitted) -> Setting:
     return setting._replace(root=root, sigma=sigma, share=share)
 
 
-class Levels(NamedTuple):
-    """Levels of the runs that scatter about the curve, beside a fit."""
+def levels_of(fitted: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    """The levels of the runs that scatter about the curve, as the errors of a fit show them.
 
-    unit: np.ndarray  # [runs, points]: what a level changes, in units of the noise, at length one
-    variance: np.ndarray  # [runs]: of the levels, in units of that of noise along `unit`
-
-
-def levels_of(fitted: Fitted) -> Levels:
-    """The levels of the runs as the errors of a fit show them.
+    What a level changes, in units of the noise, at length one, [runs, points]; and the variance of
+    the levels, in units of that of noise along it, [runs].
 
     A run's level is the coefficient of its prediction in its errors. With levels that scatter by s
     the covariance of the errors of a run is I + s^2 v v', v what its level changes in units of the
@@ -215,7 +211,7 @@ def levels_of(fitted: Fitted) -> Levels:
         levels = (level * error).sum(axis=1)[used] / size[used]
         scatter = max(float(np.mean(levels**2) - np.mean(1 / size[used])), 0.0)
     unit = level / np.sqrt(np.maximum(size, 1e-300))[:, None]
-    return Levels(unit, scatter * size)
+    return unit, scatter * size
 
 
 def sigma_of(error: np.ndarray, weight: np.ndarray, by_slip: np.ndarray) -> float:
@@ -285,18 +281,6 @@ def _sizes(free: int, effects: Sequence[Effect]) -> Iterator[tuple[int, int]]:
 def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """The effects in the order in which they are applied, from the contact outwards."""
     return tuple(sorted(effects, key=lambda effect: effect.ORDER))
-
-
-def loss_without(fitted: Fitted, slots: Sequence[int]) -> float:
-    """Rise of half the deviance without the effects in those places of its own, to second order.
-
-    Half of Wald's statistic of their strengths s: s' (H^-1)_ss^-1 s/2.
-    """
-    gone = strengths_of(fitted, slots)
-    chosen = [fitted.places.index(place) for place in gone]
-    strengths = fitted.values[gone]
-    spread = solve(fitted.hessian.sum(0), np.eye(len(fitted.places)))[np.ix_(chosen, chosen)]
-    return 0.5 * float(strengths @ np.linalg.pinv(spread, hermitian=True) @ strengths)
 
 
 def strengths_of(fitted: Fitted, slots: Sequence[int]) -> list[int]:

@@ -107,11 +107,6 @@ class Gain(NamedTuple):
         return float(scipy.stats.norm.isf(scipy.stats.t.sf(even, self.freedom)))
 
 
-def least_gain(fitted: Fitted, share: float) -> float:
-    """A share of the loss that noise alone makes, which is half the number of points."""
-    return 0.5 * share * float((fitted.setting.root > 0).sum())
-
-
 def gain(less: Fitted, more: Fitted) -> Gain:
     """The gain of the model `more` on the model `less`, both of the same data and weights.
 

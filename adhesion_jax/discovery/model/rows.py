@@ -1,7 +1,6 @@
 """The prediction of a law at every row of measured runs, a bounded number of rows at a time."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,23 +23,16 @@ _FEWEST_POINTS = 256
 Ranges = Mapping[str, tuple[float, float]]
 
 
-class _Piece(NamedTuple):
-    """Some rows, side by side; arrays [runs, points]."""
+def _pieces(runs: RunSet) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """All rows, a bounded number at a time: their places side by side, [runs, points].
 
-    held: np.ndarray  # places of the rows
-    inside: np.ndarray  # whether a row counts, rather than leads others in
-
-
-def _pieces(runs: RunSet) -> Iterator[_Piece]:
-    """All rows, a bounded number at a time.
-
-    A run that is longer is taken in stretches. A stretch of a run in time, or a block of one run,
-    is led in by as many rows as it has, for what acts with a memory.
+    Beside these, whether a row counts or only leads others in. A run that is longer is taken in
+    stretches. A stretch of a run in time, or a block of one run, is led in by as many rows as it
+    has, for what acts with a memory.
     """
     lengths = runs.lengths
     if lengths.size * lengths.max() <= _CELLS:
-        held, inside = runs.layout
-        yield _Piece(held, inside)
+        yield runs.layout
         return
     led = "time_s" in runs.whole.conditions
     begin, start, stop = [], [], []
@@ -63,25 +55,25 @@ def _pieces(runs: RunSet) -> Iterator[_Piece]:
             held, _ = places(begins[group], stops[group] - begins[group], int(points))
             inside = (held >= starts[group][:, None]) & there[:, None]
             inside[:, 1:] &= np.diff(held, axis=1) > 0
-            yield _Piece(held, inside)
+            yield held, inside
 
 
 def predicted(law: CorrectedLaw, runs: RunSet) -> np.ndarray:
     """Adhesion of every row, [rows]."""
     found = np.empty(runs.whole.slip.size)
-    for piece in _pieces(runs):
-        values = np.asarray(_of_runs(law, *_rows_of(runs, piece)))
-        found[piece.held[piece.inside]] = values[piece.inside]
+    for held, inside in _pieces(runs):
+        values = np.asarray(_of_runs(law, *_rows_of(runs, held)))
+        found[held[inside]] = values[inside]
     return found
 
 
 def columns_of(names: Iterable[str], calendar: Calendar, runs: RunSet) -> dict[str, np.ndarray]:
     """Conditions of every row, [rows], measured or computed from what is measured."""
     found = {name: np.empty(runs.whole.slip.size) for name in names}
-    for piece in _pieces(runs):
-        whole = completed_runs(*_rows_of(runs, piece), calendar)
+    for held, inside in _pieces(runs):
+        whole = completed_runs(*_rows_of(runs, held), calendar)
         for name, values in found.items():
-            values[piece.held[piece.inside]] = np.asarray(whole[name])[piece.inside]
+            values[held[inside]] = np.asarray(whole[name])[inside]
     return found
 
 
@@ -94,5 +86,5 @@ def _of_runs(
     return jax.vmap(law)(slip, conditions)
 
 
-def _rows_of(runs: RunSet, piece: _Piece) -> tuple[Array, Mapping[str, Array]]:
-    return jnp.asarray(runs.whole.slip[piece.held]), runs.conditions_at(piece.held)
+def _rows_of(runs: RunSet, held: np.ndarray) -> tuple[Array, Mapping[str, Array]]:
+    return jnp.asarray(runs.whole.slip[held]), runs.conditions_at(held)

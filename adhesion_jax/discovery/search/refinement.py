@@ -4,8 +4,8 @@ import dataclasses
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
-from adhesion_jax.discovery.model.fitting import loss_without, refitted
-from adhesion_jax.discovery.model.prediction import gain, least_gain
+from adhesion_jax.discovery.model.fitting import refitted
+from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, column_entries, entry_of, forms_of_column
@@ -13,7 +13,6 @@ from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.state import (
     Accepted,
-    Place,
     Selection,
     all_but,
     parts_of,
@@ -64,15 +63,12 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
         for score in screen([(null_of(state.fitted), entries)], seed)
         if score.p <= rules.SIGNIFICANT
     ]
-    trials = tried(state.fitted, scores[: rules.TRIED_FORMS])
+    trials = tried(state.fitted, scores[: rules.TRIED])
     if not trials:
         return None
     chosen = min(trials, key=lambda trial: trial.loss)
     gained = gain(state.fitted, chosen.fitted)
-    least = least_gain(state.fitted, rules.PART_SHARE_OF_LOSS)
-    if gained.total <= max(gained.error, least):
-        return None
-    return chosen
+    return chosen if gained.total > gained.error else None
 
 
 def fitted_start(chosen: Trial) -> Effect:
@@ -130,12 +126,12 @@ def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
         column, frequency, own = first.column, float(first.frequency), 1
     else:
         return []
-    known = [float(part.frequency) for part in parts[1:] if isinstance(part, Periodic)]
+    known = [part.frequency for part in parts[1:] if isinstance(part, Periodic)]
+    there = {round(float(one) / frequency) for one in known}
     return [
         Periodic(0.01, 0.01, number * frequency, column=column)
         for number in _HARMONICS
-        if number > own
-        and all(abs(one / frequency - number) > rules.SAME_HARMONIC for one in known)
+        if number > own and number not in there
     ]
 
 
@@ -156,11 +152,7 @@ def pruned(state: Selection) -> Selection:
     The earliest is tried first, and after each removal all are tried again.
     """
     while True:
-        slots = slots_of(state.accepted)
-        for gone, rest in _smaller(state):
-            rise = loss_without(state.fitted, [slots.index(place) for place in gone])
-            if rise > rules.PLAINLY_NEEDED:
-                continue
+        for rest in _smaller(state):
             less = refitted(state.fitted, parts_of(rest))
             if is_worth(less, state.fitted):
                 continue
@@ -170,8 +162,8 @@ def pruned(state: Selection) -> Selection:
             return state
 
 
-def _smaller(state: Selection) -> Iterator[tuple[list[Place], tuple[Accepted, ...]]]:
-    """Parts that may be left out together, and the accepted effects without them.
+def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
+    """The accepted effects without those parts that may be left out together.
 
     First all parts of an effect, for each effect but the last; then one part of an effect, for each
     part but its last.
@@ -183,27 +175,27 @@ def _smaller(state: Selection) -> Iterator[tuple[list[Place], tuple[Accepted, ..
             other.generic and {*effect.covariates} & {*other.covariates} for other in accepted
         ):
             continue
-        yield [(number, part) for part in range(len(effect.parts))], all_but(accepted, number)
+        yield all_but(accepted, number)
     for number, effect in enumerate(accepted):
         if len(effect.parts) < 2:
             continue
-        for part, less in _with_a_part_less(effect, state.setting.problem):
-            yield [(number, part)], (*accepted[:number], less, *accepted[number + 1 :])
+        for less in _with_a_part_less(effect, state.setting.problem):
+            yield (*accepted[:number], less, *accepted[number + 1 :])
 
 
-def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[tuple[int, Accepted]]:
-    """The number of a part, and the effect without it, for each part but the last.
+def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[Accepted]:
+    """The effect without a part, for each part but the last.
 
     Without the first part, which names the effect, the last one takes its place, if it is a cause.
     """
     parts = effect.parts
     for part in range(1, len(parts) - 1):
-        yield part, effect._replace(parts=(*parts[:part], *parts[part + 1 :]))
+        yield effect._replace(parts=(*parts[:part], *parts[part + 1 :]))
     last = parts[-1]
     name = kind_of(last)
     if name in EFFECTS:
         entry = entry_of(name, (last,), problem)
-        less = effect._replace(
+        yield effect._replace(
             name=name,
             members=(name, *effect.members),
             family=entry.family,
@@ -211,4 +203,3 @@ def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[tuple[int,
             covariates=entry.covariates,
             parts=(last, *parts[1:-1]),
         )
-        yield 0, less

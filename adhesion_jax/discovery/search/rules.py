@@ -27,13 +27,9 @@ LEAST_SHARE_LEFT = 0.03
 #: Two columns form no pair if the size of their correlation exceeds this. By hand.
 SAME_COLUMN_CORRELATION = 0.98
 
-#: Number of physical causes that are refitted in each round, those of largest score. By hand:
-#: refits take most of the time.
-TRIED_CAUSES = 6
-
-#: Number of forms of plain columns that are refitted in each round, those of largest score. By
-#: hand: refits take most of the time.
-TRIED_COLUMNS = 5
+#: Number of physical causes that are refitted in each round, of forms of plain columns, of pairs of
+#: columns, and of refinements of an effect: those of largest score. By hand: refits take time.
+TRIED = 5
 
 #: A candidate is not refitted if its p exceeds the significance level by more than this factor. By
 #: hand.
@@ -44,14 +40,6 @@ PAIRED_COLUMNS = 12
 
 #: Number of columns that are combined with a chosen column, those of largest score. By hand.
 PARTNER_COLUMNS = 20
-
-#: Number of pairs of columns, or of refinements of an effect, that are refitted, those of largest
-#: score. By hand.
-TRIED_FORMS = 3
-
-#: A part of the model is kept without a trial if leaving it out would raise half the deviance by
-#: more than this, to second order. By hand: such a rise is far from any limit of acceptance.
-PLAINLY_NEEDED = 50.0
 
 #: A column is named as one that varies within blocks of rows if this share of its variance does. By
 #: hand.
@@ -80,8 +68,7 @@ SURE_ERRORS_OF_COLUMN = 1.645
 LEAST_SHARE_OF_LOSS = 0.003
 
 #: A gain above this is enough, whatever its share of the loss: the more rows, the smaller an effect
-#: they make sure. What is found is tested on all rows (`all_rows`). Convention: half a chi-square
-#: of one degree of freedom, p = 6e-5.
+#: they make sure. Convention: half a chi-square of one degree of freedom, p = 6e-5.
 LEAST_GAIN = 8.0
 
 #: Length of a stretch of a log of one run, in neighbouring blocks. An effect is accepted only if
@@ -95,27 +82,20 @@ STRETCH_BLOCKS = 3
 #: less is in the class of the chosen one. Convention: two-sided 95 %.
 AHEAD_ERRORS = 2.0
 
-#: A column must also be ahead by more than this share of the loss. By hand, from a prototype of the
-#: search.
-COLUMN_SHARE_OF_LOSS = 0.01
-
-#: It must also be ahead by more than this share of its own gain. By hand, from a prototype of the
-#: search.
+#: A column must also be ahead by more than this share of its own gain. By hand, from a prototype of
+#: the search.
 COLUMN_SHARE_OF_GAIN = 0.15
 
 #: A physical cause is named in place of a plain column of its family that is ahead of it, if its
 #: gain exceeds this share of the column's: its formula is inexact, not its column. By hand.
 SAME_CAUSE_SHARE = 0.5
 
-#: A candidate in the class of the chosen one, from which the data do not separate it, must also be
-#: behind by at most this share of its gain. By hand.
-CLASS_SHARE = 0.10
+#: A cause with a strength at an end of its range is contradicted if beyond that end it would gain
+#: more than this share of its gain. By hand.
+MUCH_HELD_BACK = 0.10
 
-#: The same share for a candidate of the same family. By hand: formulas of one cause differ less.
-CLASS_SHARE_OF_FAMILY = 0.25
-
-#: A candidate that is behind by at most this is behind neither surely nor by too large a share.
-#: Convention: two units of support, Edwards 1972.
+#: A candidate that is behind by at most this is not surely behind. Convention: two units of
+#: support, Edwards 1972.
 UNDECIDED_GAIN = 2.0
 
 #: A candidate is in the class only if the cosine between its change of the prediction and that of
@@ -134,14 +114,6 @@ REFINING_SHARE = 0.05
 #: Largest number of parts of an effect, itself included. By hand.
 MOST_PARTS = 4
 
-#: A refinement is accepted only if it gains more than its standard error and than this share of the
-#: loss. By hand: it is no claim of its own.
-PART_SHARE_OF_LOSS = 0.001
-
-#: A harmonic of a wave is not tried if the effect has a harmonic whose number differs by less than
-#: this. By hand.
-SAME_HARMONIC = 0.2
-
 # --- Waves ------------------------------------------------------------------------------------
 
 #: Fewest waves over the range of a column that are searched. By hand.
@@ -158,9 +130,6 @@ LEAST_POWER_SHARE = 0.05
 #: Convention: it is exponential, and exceeds this by chance with p = exp(-10) = 4.5e-5.
 HALF_FREQUENCY_COHERENCE = 10.0
 
-#: Fewest waves in a run of a line in time. By hand: slower ones belong to the excitation.
-WAVES_OF_A_LINE = 6
-
 #: A wheelset twists faster than this, Hz. By hand: its modes lie at 30 to 70 Hz.
 SLOWEST_TORSION = 5.0
 
@@ -173,8 +142,9 @@ EVEN_STEPS = 0.01
 
 # --- Doubts -----------------------------------------------------------------------------------
 
-#: Boosted trees are not asked if there are fewer runs. By hand: two in each of four folds.
-FEWEST_RUNS_OF_OPINION = 8
+#: Boosted trees are not asked if there are fewer runs, nor is a bootstrap over them taken at its
+#: word. By hand: two in each of four folds.
+FEWEST_RUNS = 8
 
 #: Factor by which the products of residual and prediction are taken to scatter wider than
 #: independent ones. Measured: of 900 simulated sets of 28 runs with nothing to find (white noise,
@@ -193,9 +163,6 @@ ALIKE_COSINE = 0.9
 #: A measurement that would separate two causes is proposed if their cosine reaches this. By hand.
 PROPOSED_COSINE = 0.6
 
-#: Number of causes from which a measurement is proposed to separate an effect. By hand.
-PROPOSED_RIVALS = 2
-
 #: Test points with a slip beyond that of every training point are warned of above this share. By
 #: hand.
 FEW_OUTSIDE = 0.01
@@ -205,9 +172,9 @@ FEW_OUTSIDE = 0.01
 MUCH_OUTSIDE = 0.2
 
 #: The verdict says that the error on test data is unlike that on training runs left out if their
-#: intervals do not touch. Of fewer runs than this in either, whose bootstrap is too narrow, the
+#: intervals do not touch. Of fewer than FEWEST_RUNS in either, whose bootstrap is too narrow, the
 #: lower end of the one must exceed the value of the other by this factor as well. By hand.
-FEWEST_RUNS_TO_COMPARE, UNLIKE_TRAINING = 8, 2.0
+UNLIKE_TRAINING = 2.0
 
 #: The departure of the curve from its formula is reported above this share of the largest adhesion.
 #: By hand.
@@ -222,9 +189,6 @@ REPORTED_RUN_SCATTER = 0.002
 #: A point is an outlier if its whitened residual exceeds this number of standard deviations. By
 #: hand: 6e-7 of normal noise does.
 OUTLIER_DEVIATIONS = 5.0
-
-#: The share of outliers is reported above this. By hand.
-REPORTED_OUTLIERS = 5e-4
 
 #: A dependence of the spread of the noise on adhesion or slip is reported if the p of their rank
 #: correlation is below this. By hand: many points make small correlations significant.

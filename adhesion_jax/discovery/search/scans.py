@@ -162,7 +162,7 @@ def torsion(fitted: Fitted) -> Torsion | None:
         return None
     rate = 1 / float(np.median(step))
     power = (np.abs(np.fft.rfft(fitted.error[whole, :points], axis=1)) ** 2).sum(0)
-    first = max(rules.WAVES_OF_A_LINE, int(np.ceil(rules.SLOWEST_TORSION * points / rate)))
+    first = int(np.ceil(rules.SLOWEST_TORSION * points / rate))
     power = power[first:-1]
     places = np.arange(_FEWEST_BESIDE, power.size - _FEWEST_BESIDE)
     if places.size == 0:

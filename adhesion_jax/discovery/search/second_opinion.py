@@ -83,7 +83,7 @@ def second_opinion(
     _, run = np.unique(runs[rows], return_inverse=True)
     count = int(run.max()) + 1
     far = TUNING * 1.4826 * float(np.median(np.abs(residual[rows])))
-    if count < rules.FEWEST_RUNS_OF_OPINION or not names or far == 0:
+    if count < rules.FEWEST_RUNS or not names or far == 0:
         return None
     columns = np.column_stack([features[name][rows] for name in names])
     error = np.clip(residual[rows], -far, far)

@@ -12,7 +12,6 @@ from adhesion_jax.discovery.model.prediction import (
     expected_loss,
     gain,
     gain_of,
-    least_gain,
 )
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.screening import Score
@@ -44,8 +43,8 @@ def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
         return []
     most = rules.SHORTLISTED_TIMES * significant
     first = sorted((one for one in scores if one.p <= most), key=lambda one: -one.gains.sum())
-    causes = [score for score in first if not score.entry.generic][: rules.TRIED_CAUSES]
-    columns = [score for score in first if score.entry.generic][: rules.TRIED_COLUMNS]
+    causes = [score for score in first if not score.entry.generic][: rules.TRIED]
+    columns = [score for score in first if score.entry.generic][: rules.TRIED]
     return [*causes, *columns]
 
 
@@ -108,11 +107,8 @@ def _best_column(columns: Sequence[Trial], now: Trial) -> Trial:
 def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
     """Whether a candidate gains so much more than a plainer one that it is preferred."""
     ahead = gain(plainer.fitted, other.fitted)
-    least = max(
-        least_gain(other.fitted, rules.COLUMN_SHARE_OF_LOSS),
-        rules.COLUMN_SHARE_OF_GAIN * (now.loss - other.loss),
-    )
-    return ahead.total > least and ahead.deviate > rules.AHEAD_ERRORS
+    much = ahead.total > rules.COLUMN_SHARE_OF_GAIN * (now.loss - other.loss)
+    return much and ahead.deviate > rules.AHEAD_ERRORS
 
 
 def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
@@ -120,7 +116,6 @@ def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
 
     Each is judged by what it would gain on runs left out to first order, all in the same way.
     """
-    whole = float(chosen.gains.sum())
     name = chosen.entry.name
     members: dict[str, None] = {}
     if not chosen.change.size:
@@ -130,12 +125,9 @@ def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
         if not score.change.size or (same_columns and score.entry.generic):
             # The plain form of a cause's columns is no other name.
             continue
-        kin = score.entry.family == chosen.entry.family
-        share = rules.CLASS_SHARE_OF_FAMILY if kin else rules.CLASS_SHARE
-        behind = gain_of(chosen.gains - score.gains)
         size = np.linalg.norm(chosen.change) * np.linalg.norm(score.change)
         alike = abs(chosen.change @ score.change) > rules.CLASS_COSINE * size
-        if alike and tied(behind) and behind.total <= max(share * whole, rules.UNDECIDED_GAIN):
+        if alike and tied(gain_of(chosen.gains - score.gains)):
             members[score.entry.name] = None
     if name in of_signals():
         members.update(dict.fromkeys(of_signals()))
@@ -154,8 +146,8 @@ def is_worth(less: Fitted, more: Fitted, generic: bool = False) -> bool:
         stretch = float(np.convolve(gains, np.ones(rules.STRETCH_BLOCKS)).max())
     needed = rules.SURE_ERRORS_OF_COLUMN if generic else rules.SURE_ERRORS
     sure = gained._replace(total=gained.total - stretch).deviate > needed
-    least = min(least_gain(less, rules.LEAST_SHARE_OF_LOSS), rules.LEAST_GAIN)
-    return sure and gained.total > least
+    noise = 0.5 * float((less.setting.root > 0).sum())
+    return sure and gained.total > min(rules.LEAST_SHARE_OF_LOSS * noise, rules.LEAST_GAIN)
 
 
 def tied(behind: Gain) -> bool:

@@ -76,7 +76,7 @@ def _unlike(findings: Findings) -> list[str]:
     if findings.test is None:
         return []
     usual, now = findings.validation, findings.test
-    few = min(usual.runs, now.runs) < rules.FEWEST_RUNS_TO_COMPARE
+    few = min(usual.runs, now.runs) < rules.FEWEST_RUNS
     least = rules.UNLIKE_TRAINING if few else 0.0
     return [
         f"{number(one.value / other.value)} times {when}"
