@@ -22,7 +22,6 @@ from statsmodels.robust.norms import HuberT
 from adhesion_jax.curves import BASES, with_free_values
 from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent
 from adhesion_jax.discovery.model.fitting import (
-    TUNING,
     covariance,
     fit_model,
     nearly_fitted,
@@ -40,6 +39,7 @@ from adhesion_jax.discovery.model.prediction import (
 )
 from adhesion_jax.effects import Covariate, ModeAsymmetry
 from adhesion_jax.effects.law import with_effects
+from adhesion_jax.inference.sums import TUNING
 
 #: What a fit may lack of the log likelihood at its end: a tenth of what two models must differ by.
 NEAR = 0.1

@@ -20,6 +20,7 @@ from adhesion_jax.discovery.model.packing import (
 from adhesion_jax.discovery.model.problem import Data, Problem
 from adhesion_jax.discovery.model.program import PROBES, changes, fit
 from adhesion_jax.effects import Covariate, Effect
+from adhesion_jax.inference.sums import TUNING
 
 #: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
 #: of a curve alone, which takes a third of the time without slots.
@@ -31,10 +32,6 @@ DETERMINED = 1e-7
 
 #: A fit ends where a step promises to lower its loss by no more than this share of it.
 _PRECISE, _NEAR = 1e-9, 1e-5
-
-#: Residuals beyond this number of standard deviations count as much as one there. Huber 1964, Ann.
-#: Math. Stat. 35:73-101.
-TUNING = 2.0
 
 #: Turns of fits and weights, and of the standard deviation within one.
 _TURNS, _ROUNDS = 3, 4

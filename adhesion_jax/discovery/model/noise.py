@@ -7,12 +7,12 @@ import scipy
 from scipy.signal import savgol_filter
 
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.discovery.model.fitting import TUNING, sigma_of
+from adhesion_jax.discovery.model.fitting import sigma_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise, SlipNoise, described, slip_noise
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.inference.sums import Variance
+from adhesion_jax.inference.sums import TUNING, Variance
 
 #: The noise of the slip is told where it makes this share of the variance of adhesion, and is this
 #: share of what jumps in the slip: less is what an inexact curve leaves. By hand.

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
-from adhesion_jax.discovery.model.fitting import TUNING
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.types import Opinion
+from adhesion_jax.inference.sums import TUNING
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingRegressor
