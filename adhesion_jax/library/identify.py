@@ -37,14 +37,14 @@ from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
 from adhesion_jax.report.measured.tables import (
     answer_lines,
     curve_rows,
-    page_of,
+    page,
     parameter_rows,
     printed_table,
     short_report,
 )
 from adhesion_jax.report.measured.words import different_rails, in_lines, verdict
 from adhesion_jax.report.page import CAPTIONS
-from adhesion_jax.report.rendering import page_html
+from adhesion_jax.report.rendering import write_page
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.wording import listed
 
@@ -223,9 +223,7 @@ class Identification:
             write_table(path / "runs.csv", self.comparison.table)
             draw_comparison(path / "runs.png", title, self.comparison)
         drawn = [name for name in CAPTIONS["identify"] if (path / name).exists()]
-        pictures = {name: (path / name).read_bytes() for name in drawn}
-        page = page_of(title, self._lines, self._sections(), self.table, drawn)
-        (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+        write_page(path, page(title, self._lines, self._sections(), self.table, drawn))
 
     @as_in_commands
     def plot(self) -> Figure:

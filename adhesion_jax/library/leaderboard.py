@@ -32,9 +32,8 @@ from adhesion_jax.library.results import aligned, recorded, steps_told, text_htm
 from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
 from adhesion_jax.measured.rails import rails_of_curves, rails_of_law
 from adhesion_jax.report.leaderboard.figures import FIGURES_OF, Judged, rail_map, trade
-from adhesion_jax.report.leaderboard.page import leaderboard_page
-from adhesion_jax.report.leaderboard.robust import robust_page
-from adhesion_jax.report.rendering import page_html
+from adhesion_jax.report.leaderboard.page import leaderboard_page, robust_page
+from adhesion_jax.report.rendering import write_page
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.traction.entrants import ENTRANTS, Entrant, box, sought
 from adhesion_jax.traction.families import FAMILIES, Family
@@ -117,14 +116,11 @@ class Leaderboard:
             figures, file = {"robustness": rail_map}, "robustness.csv"
         write_table(path / file, self.table)
         write_table(path / "curves.csv", self.curves)
-        pictures = {}
         for name, draw in figures.items():
             drawn = draw(Judged(self.table, self.segments, self.courses))
             drawn.savefig(path / f"{name}.png", dpi=120)
-            pictures[f"{name}.png"] = (path / f"{name}.png").read_bytes()
         page_of = robust_page if self._robust else leaderboard_page
-        page = page_of(self.table, self.plant, SYSTEMS[SYSTEM], self.told)
-        (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+        write_page(path, page_of(self.table, self.plant, SYSTEMS[SYSTEM], self.told))
         told = {**self.told, "seconds": self.seconds, **runtime.describe()}
         write_metadata(path / METADATA, told)
 

@@ -42,7 +42,7 @@ from adhesion_jax.report.montecarlo import figures
 from adhesion_jax.report.montecarlo.overview import figure as overview_figure
 from adhesion_jax.report.montecarlo.overview import page as overview_page
 from adhesion_jax.report.montecarlo.tables import accuracy_table, told
-from adhesion_jax.report.rendering import page_html
+from adhesion_jax.report.rendering import write_page
 from adhesion_jax.runtime import as_in_commands, silent
 from adhesion_jax.scenarios import SCENARIOS, Options, declared
 from adhesion_jax.wording import listed
@@ -114,10 +114,7 @@ class MonteCarlo:
         for name, figure in self._figures():
             figure.savefig(path / f"{name}.png")
         if OVERVIEW in self.tables:
-            picture = f"{OVERVIEW}.png"
-            page = overview_page(self.tables[OVERVIEW], self.asked.runs, picture)
-            html = page_html(page, {picture: (path / picture).read_bytes()})
-            (path / "report.html").write_text(html, encoding="utf-8")
+            write_page(path, overview_page(self.tables[OVERVIEW], self.asked.runs))
         names = [job.config.scenario for job in self.jobs]
         of_campaigns = zip(names, self.campaigns, strict=True)
         metadata = {

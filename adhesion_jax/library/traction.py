@@ -29,7 +29,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
 from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
-from adhesion_jax.report.rendering import page_html
+from adhesion_jax.report.rendering import write_page
 from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import animate_operating_point, operating_point
 from adhesion_jax.report.traction.page import traction_page
@@ -111,11 +111,8 @@ class Traction:
         captions[f"{_POINT}.png"] = _POINT_CAPTION
         if animate:
             animate_operating_point(path / f"{_POINT}.gif", runs_shown[0])
-        page = traction_page(
-            self.system, self.plant, self.table, self.metrics, captions, self.job.runs
-        )
-        pictures = {picture: (path / picture).read_bytes() for picture in captions}
-        (path / "report.html").write_text(page_html(page, pictures), encoding="utf-8")
+        told = (self.system, self.plant, self.table, self.metrics, captions, self.job.runs)
+        write_page(path, traction_page(*told))
         write_metadata(path / METADATA, self._metadata())
 
     @as_in_commands

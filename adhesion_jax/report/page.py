@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -84,8 +84,3 @@ class Page:
     title: str
     verdict: str
     sections: Sequence[Section]
-
-
-def pictures(report: str, files: Iterable[str], more: str = "") -> list[Block]:
-    """Figures of a report with their captions, and what more is to be said of them."""
-    return [Picture(file, CAPTIONS[report][file] + more) for file in files]

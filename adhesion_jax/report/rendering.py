@@ -4,11 +4,12 @@ import base64
 import math
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
-from adhesion_jax.report.text import aligned, filled
+from adhesion_jax.report.text import aligned, filled, one_line
 from adhesion_jax.wording import listed, number, p_is, percent, plus_minus
 
 #: Titles and the sentences under them.
@@ -29,19 +30,19 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
 )
 _TEMPLATES.filters |= {
-    **{one.__name__: one for one in (format, listed, number, p_is, percent, plus_minus)},
+    **{one.__name__: one for one in (format, listed, number, one_line, p_is, percent, plus_minus)},
     "paragraph": _paragraph,
 }
 _TEMPLATES.tests["finite"] = math.isfinite
 
 
-def page_html(page: Page, pictures: Mapping[str, bytes]) -> str:
-    """The whole report as one page that needs no other file.
-
-    `pictures` holds the PNG of each figure by the name of its file.
-    """
-    inline = {name: base64.b64encode(drawn).decode() for name, drawn in pictures.items()}
-    return _TEMPLATES.get_template("page.html").render(page=page, pictures=inline)
+def write_page(folder: Path, page: Page) -> None:
+    """report.html: the whole report in one file, with the pictures of the folder that it shows."""
+    blocks = [block for section in page.sections for block in section.blocks]
+    files = [block.file for block in blocks if isinstance(block, Picture)]
+    inline = {file: base64.b64encode((folder / file).read_bytes()).decode() for file in files}
+    html = _TEMPLATES.get_template("page.html").render(page=page, pictures=inline)
+    (folder / "report.html").write_text(html, encoding="utf-8")
 
 
 def text_of(template: str, **known: object) -> str:
@@ -64,6 +65,46 @@ def sections_of(template: str, **known: object) -> Sections:
         else:
             found[-1][1].append(words)
     return [section for section in found if section[1]]
+
+
+def page_of(
+    template: str, title: str, verdict: str, captions: Mapping[str, str], /, **known: object
+) -> Page:
+    """The page whose sections a template has, as blocks between blank lines.
+
+    What a block is stands before it: `##` the title of a section (`##!` one in a box), `-` an item,
+    `=` a formula, `![FILE]` a picture, whose caption these words follow, `¶` or nothing a
+    paragraph. A table stands where the template calls `table` of it. A section without blocks is
+    left out.
+    """
+    tables: list[Table] = []
+
+    def table(of: Table) -> str:
+        tables.append(of)
+        return f"| {len(tables) - 1}"
+
+    sections: list[tuple[str, list[Block], bool]] = []
+    for words in sentences_of(template, table=table, **known):
+        mark, _, rest = words.partition(" ")
+        if mark in ("##", "##!"):
+            sections.append((rest, [], mark == "##!"))
+            continue
+        blocks = sections[-1][1]
+        match mark, blocks:
+            case "-", [*before, Items(texts)]:
+                blocks[:] = [*before, Items([*texts, rest])]
+            case "-", _:
+                blocks.append(Items([rest]))
+            case "=", _:
+                blocks.append(Formula(rest))
+            case "|", _:
+                blocks.append(tables[int(rest)])
+            case _ if mark.startswith("!["):
+                file = mark[2:-1]
+                blocks.append(Picture(file, " ".join(filter(None, [captions[file], rest]))))
+            case _:
+                blocks.append(Paragraph(words.removeprefix("¶ ")))
+    return Page(title, verdict, [Section(*section) for section in sections if section[1]])
 
 
 #: What would be taken for markup: names of columns come from the users' files.

@@ -17,6 +17,11 @@ def filled(text: str) -> str:
     return textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False)
 
 
+def one_line(text: str) -> str:
+    """A file may name its columns with anything: line breaks would break tables and labels."""
+    return " ".join(text.split())
+
+
 def flush_left(table: pd.DataFrame) -> str:
     """A table of texts, headings and cells flush left."""
     # pandas can set the headings flush left, the cells only by padding them.

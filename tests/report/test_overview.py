@@ -91,7 +91,7 @@ def test_intervals_that_none_can_give_are_named():
 
 def test_the_page_has_the_words_the_picture_and_every_row():
     table = table_of({"one": (1.0, 1.2, 1.5)}, {"one": (0.95, 0.5, 0.89)})
-    made = page(table, 400, "overview.png")
+    made = page(table, 400)
     assert made.verdict == advice(table)[0]
     assert list(made.sections[0].blocks[0].texts) == advice(table)[1:]
     assert made.sections[1].blocks[1].file == "overview.png"

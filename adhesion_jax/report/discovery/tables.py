@@ -15,10 +15,10 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     in_brackets,
     kind_of_run,
-    one_line,
     percent_in_brackets,
 )
 from adhesion_jax.report.page import Table
+from adhesion_jax.report.text import one_line
 from adhesion_jax.wording import p_value, plus_minus
 
 
@@ -72,6 +72,24 @@ def parameters_table(effect: FoundEffect) -> Table:
             (name, in_brackets(interval), effect.units.get(name, ""))
             for name, interval in effect.parameters.items()
         ],
+    )
+
+
+def base_table(findings: Findings) -> Table:
+    """The parameters of the base curve, before and after."""
+    table = findings.base_parameters
+    pairs = [
+        [
+            plus_minus(value, spread)
+            + (" (held)" if np.isfinite(value) and not np.isfinite(spread) else "")
+            for value, spread in zip(table[when], table[f"{when}_se"], strict=True)
+        ]
+        for when in ("before", "after")
+    ]
+    names, units = table["parameter"].astype(str), table["unit"].astype(str)
+    return Table(
+        ("parameter", "before ± standard error", "after ± standard error", "unit"),
+        list(zip(names, *pairs, units, strict=True)),
     )
 
 

@@ -15,11 +15,11 @@ from adhesion_jax.report.discovery.words import (
     evidence,
     humanised,
     kind_of_run,
-    one_line,
     percent,
     percent_in_brackets,
 )
 from adhesion_jax.report.rendering import sentences_of
+from adhesion_jax.report.text import one_line
 from adhesion_jax.wording import number
 
 #: Functions that the template asks.
@@ -37,7 +37,7 @@ _DROPPED = "not counted as an effect"
 
 def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
-    known = {word.__name__: word for word in (percent, error, error_in_brackets, one_line)}
+    known = {word.__name__: word for word in (percent, error, error_in_brackets)}
     return sentences_of("opinion.txt", findings=findings, opinion=opinion, **known)[0]
 
 
@@ -98,7 +98,7 @@ def _open_questions(findings: Findings) -> list[str]:
         first=_first_of_ranking(findings),
         significant=rules.SIGNIFICANT,
         opinion=findings.opinion and opinion_sentence(findings, findings.opinion),
-        **{word.__name__: word for word in (decision, humanised, one_line, percent)},
+        **{word.__name__: word for word in (decision, humanised, percent)},
     )
     return [sentence.rstrip(".") for sentence in told]
 

@@ -5,6 +5,7 @@ import numpy as np
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.types import Errors, Findings, FoundEffect, Interval
 from adhesion_jax.effects import KINDS
+from adhesion_jax.report.text import one_line
 from adhesion_jax.wording import listed, number, p_is
 
 #: What is found beside the effects and is none.
@@ -23,11 +24,6 @@ _ACTS_ON = {
 #: Columns that are not measured but follow from the file.
 _DERIVED = {"run_order": "order of the runs (1)", "campaign_time": "time in the campaign (1)"}
 _SUFFIXES = ("per_m", "mps2", "mps", "pct", "rad", "deg", "s", "N", "C", "m")
-
-
-def one_line(text: str) -> str:
-    """A file may name its columns with anything: line breaks would break tables and labels."""
-    return " ".join(text.split())
 
 
 def humanised(name: str) -> str:

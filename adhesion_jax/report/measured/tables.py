@@ -11,8 +11,8 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import Answer, Estimate
 from adhesion_jax.measured.vetoes import Judgement
 from adhesion_jax.report.measured.words import best_first, reasons, weights_of
-from adhesion_jax.report.page import Items, Page, Paragraph, Section, Table, pictures, table_of
-from adhesion_jax.report.rendering import Sections, text_of
+from adhesion_jax.report.page import CAPTIONS, Page, Table, table_of
+from adhesion_jax.report.rendering import Sections, page_of, text_of
 from adhesion_jax.report.text import WIDTH, flush_left, in_columns
 from adhesion_jax.wording import number, plus_minus
 
@@ -183,28 +183,16 @@ def columns_table(understood: pd.DataFrame) -> str:
 _SHOWN = ("curve", "rms", "slip_opt", "mu_max", "mu_max_lo", "mu_max_hi", "weight", "status")
 
 
-def page_of(
+def page(
     title: str, answer: str, sections: Sections, curves: pd.DataFrame, files: Sequence[str]
 ) -> Page:
     """The answer, what forbids it, the pictures, the verdict under its titles, and the curves."""
-    shown = [name for name in _SHOWN if name in curves]
-    warnings = [
-        Section(name, [Items(texts)], boxed=True) for name, texts in sections if _warns(name)
-    ]
-    words = [
-        Section(name, [Paragraph(" ".join(texts))]) for name, texts in sections if not _warns(name)
-    ]
-    return Page(
+    return page_of(
+        "identify_page.txt",
         f"Adhesion of {title}",
         answer,
-        [
-            *warnings,
-            Section("Figures", pictures("identify", files)),
-            *words,
-            Section("Curves", [table_of(curves[shown])]),
-        ],
+        CAPTIONS["identify"],
+        sections=sections,
+        curves=table_of(curves[[name for name in _SHOWN if name in curves]]),
+        files=files,
     )
-
-
-def _warns(title: str) -> bool:
-    return title in ("No answer", "Not to be trusted", "Warning")

@@ -11,8 +11,8 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from adhesion_jax.report.page import Items, Page, Paragraph, Picture, Section, table_of
-from adhesion_jax.report.rendering import sentences_of
+from adhesion_jax.report.page import CAPTIONS, Page, table_of
+from adhesion_jax.report.rendering import page_of, sentences_of
 
 #: Intervals can be believed that hold the truth in at least this share of the runs.
 _BELIEVED = 0.90
@@ -153,26 +153,14 @@ def _where(streams: pd.DataFrame, name: str, column: str, value: float) -> str:
     return str(rows["scenario"].iloc[0])
 
 
-def page(table: pd.DataFrame, runs: int, picture: str) -> Page:
+def page(table: pd.DataFrame, runs: int) -> Page:
     """The page: the advice, the figure, and all numbers."""
     words = advice(table)
-    caption = (
-        "A row is a method, a column a scenario, the darker the worse; where a cell is empty the "
-        "method does not take the scenario, or there is no such figure. In brackets: more than 1 % "
-        "of the estimates lie on a bound of their box, which alone may bring the error below the "
-        "bound that holds without a box."
-    )
-    how = (
-        f"Over {runs} runs of each scenario. Of a stream the figures are those of the second half "
-        "of each rail, of blocks those of all blocks; means over the rails of a scenario. Times "
-        "are CPU-seconds in a batch, compilation excluded."
-    )
-    sections = [
-        Section("Which method to take", [Items(words[1:])]),
-        Section("Methods and scenarios", [Paragraph(how), Picture(picture, caption)]),
-        Section("All numbers", [table_of(table, 3, f"{len(table)} rows: scenarios and methods")]),
-    ]
-    return Page("Which method when", words[0] if words else how, sections)
+    numbers = table_of(table, 3, f"{len(table)} rows: scenarios and methods")
+    told = {"words": words[1:], "runs": runs, "numbers": numbers}
+    verdict = words[0] if words else f"{runs} runs of each scenario."
+    captions = CAPTIONS["montecarlo"]
+    return page_of("overview_page.txt", "Which method when", verdict, captions, **told)
 
 
 def text(table: pd.DataFrame) -> str:

@@ -1,21 +1,14 @@
 """The page on a traction system: our figures, those of the paper, and the assumptions."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 
 import pandas as pd
 
 from adhesion_jax.campaign.traction import NOISY, QUIET, WHOLE
 from adhesion_jax.metrics.closed_loop import FIGURES
-from adhesion_jax.report.page import (
-    Block,
-    Items,
-    Page,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    table_of,
-)
+from adhesion_jax.report.page import Page, Table, table_of
+from adhesion_jax.report.rendering import page_of, sentences_of
 from adhesion_jax.traction.plants.reading import TAGS, PlantFile
 from adhesion_jax.traction.systems.base import System
 from adhesion_jax.wording import plus_minus
@@ -33,46 +26,22 @@ def traction_page(
     runs: int,
 ) -> Page:
     """`captions` are those of the pictures that were drawn, by the names of their files."""
-    sections = [
-        Section("Beside the paper", [Paragraph(_beside(system)), table_of(table)]),
-        Section("Every method, without noise", [_metrics_table(metrics, QUIET)]),
-    ]
-    if runs:
-        noise = system.noise
-        words = (
-            f"Means over {runs} runs with noise of {noise.motor:g} rad/s in the speed of the "
-            f"motor and of {noise.train:g} m/s in that of the train, with their standard errors."
-        )
-        sections.append(Section("With noise", [Paragraph(words), _metrics_table(metrics, NOISY)]))
-    pictures: list[Block] = [Picture(name, caption) for name, caption in captions.items()]
-    sections.append(Section("Figures", pictures))
-    sections.append(Section("What was repaired", [Items(system.repairs)]))
-    sections.append(Section("What was assumed", [Items(system.assumptions), *parameters_of(plant)]))
-    meanings = [[name, unit, words] for name, (unit, words) in FIGURES.items()]
-    sections.append(
-        Section("Columns of metrics.csv", [Table(("column", "unit", "meaning"), meanings)])
-    )
-    return Page(system.title, _verdict(metrics), sections)
-
-
-def _verdict(metrics: pd.DataFrame) -> str:
-    """Utilisation of the first, the best and the worst method, and each run that is not regular."""
-    rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
-    means = rows.groupby("method", sort=False)["utilisation"].mean()
-    told = [f"{100 * mean:.1f} % (“{method}”)" for method, mean in means.items()]
-    order = [int(place) for place in means.to_numpy().argsort()]
-    words = f"Share of the largest adhesion that is used, without noise: {told[0]}."
-    if len(told) > 1:
-        words += f" The largest share is {told[order[-1]]}, the smallest {told[order[0]]}."
-    for _, row in rows[rows["status"] != "regular"].iterrows():
-        words += f" On “{row['scenario']}” with “{row['method']}” {row['status']}."
-    return words
-
-
-def _beside(system: System) -> str:
-    return (
-        f"Each row is a run without noise on the plant of {system.source}. Columns whose names "
-        "begin with paper hold the numbers that the source prints."
+    quiet = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
+    used = quiet.groupby("method", sort=False)["utilisation"].mean()
+    verdict = sentences_of("traction_verdict.txt", rows=quiet.to_dict("records"), used=used)
+    return page_of(
+        "traction_page.txt",
+        system.title,
+        " ".join(verdict),
+        captions,
+        system=system,
+        pictures=captions,
+        runs=runs,
+        beside=table_of(table),
+        quiet=_metrics_table(metrics, QUIET),
+        noisy=_metrics_table(metrics, NOISY),
+        columns=columns_table(FIGURES),
+        **words_of_plant(plant),
     )
 
 
@@ -93,8 +62,8 @@ def _metrics_table(metrics: pd.DataFrame, noise: str) -> Table:
     )
 
 
-def parameters_of(plant: PlantFile) -> Sequence[Block]:
-    """What the parameters of a plant are, and where each is from."""
+def words_of_plant(plant: PlantFile) -> Mapping[str, object]:
+    """What `plant.txt` tells: the parameters of a plant, and where they are from."""
     rows = [
         [
             name,
@@ -105,15 +74,16 @@ def parameters_of(plant: PlantFile) -> Sequence[Block]:
         ]
         for name, given in plant.given.items()
     ]
-    counted = {
-        words: sum(given.tag == tag for given in plant.given.values())
-        for tag, words in TAGS.items()
-    }
-    told = ", ".join(f"{count} {words}" for words, count in counted.items() if count)
-    words = (
-        f"Parameters of the plant ({plant.title}): {told}."
-        if told
-        else "The parameters of the plant have no tags."
-    )
+    tags = Counter(given.tag for given in plant.given.values())
     headings = ("parameter", "value", "unit", "where from", "source")
-    return [Paragraph(words), Table(headings, rows, ("value",))]
+    return {
+        "plant": plant,
+        "counted": [f"{tags[tag]} {words}" for tag, words in TAGS.items() if tags[tag]],
+        "parameters": Table(headings, rows, ("value",)),
+    }
+
+
+def columns_table(columns: Mapping[str, tuple[str, str]]) -> Table:
+    """Unit and meaning of each column of a table."""
+    rows = [[name, unit, words] for name, (unit, words) in columns.items()]
+    return Table(("column", "unit", "meaning"), rows)
