@@ -1,7 +1,7 @@
 """Closed loops that are computed side by side by one program: their figures, and what is drawn."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ import numpy as np
 from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import FIGURES, Totals
-from adhesion_jax.programs import QUICKLY, WIDELY, kept
+from adhesion_jax.programs import QUICKLY, WIDELY, Timed, kept
 from adhesion_jax.traction.loop import Loop, Timing, Trace, run, trace
 
 #: Largest number of rows of a run that is drawn.
@@ -19,19 +19,26 @@ _ROWS = 3000
 Figures = Mapping[str, np.ndarray]  # by name: [runs, segments, of which the last is the whole run]
 
 
-def steps_of(grid: Timing) -> int:
-    """The number of steps of the plant in a run."""
-    return grid.samples * grid.sample * grid.control
-
-
 class Computed(NamedTuple):
-    """What some loops came to, and what it took."""
+    """What loops side by side came to, and what they took; all arrays are of NumPy."""
 
     figures: Figures
-    trace: Trace | None  # [loops, rows, ...], of those that are drawn
-    runs: int
+    course: Any  # of those that are drawn or followed, [loops, rows, ...]; None where none is
+    steps: int  # of the plant, of all runs
     seconds: float  # CPU time, without compilation
     compile_seconds: float  # wall-clock time
+
+    @staticmethod
+    def of(found: Timed, runs: int, grid: Timing) -> "Computed":
+        """From the result of a program of some runs, which are figures and courses."""
+        figures, course = jax.tree.map(np.asarray, found.result)
+        steps = runs * grid.samples * grid.sample * grid.control
+        return Computed(figures, course, steps, found.seconds, found.compile_seconds)
+
+    def took(self) -> Mapping[str, np.ndarray]:
+        """What the runs took, to be stored."""
+        names = ("seconds", "compile_seconds", "steps")
+        return {name: np.array(getattr(self, name)) for name in names}
 
 
 def computed(
@@ -40,9 +47,7 @@ def computed(
     """Some loops, each with the noise of its number, or one with that of many; drawn or not."""
     keys = noise_keys(seed, scenario, jnp.asarray(numbers))
     stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *loops)
-    found = (_drawn if drawn else _noisy).timed(stacked, keys, grid)
-    figures, rows = jax.tree.map(np.asarray, found.result)
-    return Computed(figures, rows, len(numbers), found.seconds, found.compile_seconds)
+    return Computed.of((_drawn if drawn else _noisy).timed(stacked, keys, grid), len(numbers), grid)
 
 
 def form_of(loop: Loop) -> object:

@@ -4,7 +4,7 @@ The runs are divided into shards. The first shards have the cases without noise,
 together; in each of those that follow are some noisy runs of one case, the cases by turns.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ import pandas as pd
 import pyarrow as pa
 
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
-from adhesion_jax.campaign.loops import computed, form_of, steps_of
+from adhesion_jax.campaign.loops import computed, form_of
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.rows import segment_rows
@@ -55,9 +55,9 @@ _SUMS = ("known", "total", "total_square")
 
 
 class Judged(NamedTuple):
-    """The results of the cases of a system."""
+    """The results of the cases of a system, or of those of its runs that there are."""
 
-    metrics: pd.DataFrame  # a row a case, segment and noise
+    metrics: pd.DataFrame  # a row a case, segment and noise of which there are runs
     traces: Sequence[Trace]  # of each case without noise: NumPy arrays [rows, ...]
     seconds: float  # CPU seconds of all processes together, without compilation
     compile_seconds: float  # wall-clock seconds, added up over all processes
@@ -73,7 +73,7 @@ class Named(NamedTuple):
 
 
 class Alike(NamedTuple):
-    """Cases of one form, which one program runs side by side, without noise."""
+    """Cases that one program runs side by side: of one form without noise, or one with it."""
 
     cases: tuple[int, ...]  # by their numbers
     loops: tuple[Loop, ...]
@@ -87,8 +87,7 @@ class Job(NamedTuple):
     asked: Mapping[str, str]  # the options of the command that tell what runs
     cases: tuple[Named, ...]
     quiet: tuple[Alike, ...]
-    noisy: tuple[Loop, ...]  # of each case
-    grids: tuple[Timing, ...]  # of each case
+    noisy: tuple[Alike, ...]  # of each case
     runs: int
     seed: int
 
@@ -101,11 +100,11 @@ class Job(NamedTuple):
             return len(self.quiet[shard].cases)
         return min(_SHARD, self.runs - self.noisy_runs(shard).start)
 
-    def cases_of(self, shard: int) -> tuple[int, ...]:
-        """The numbers of the cases that run in a shard."""
+    def in_shard(self, shard: int) -> Alike:
+        """What runs in a shard."""
         if shard < len(self.quiet):
-            return self.quiet[shard].cases
-        return ((shard - len(self.quiet)) % len(self.cases),)
+            return self.quiet[shard]
+        return self.noisy[(shard - len(self.quiet)) % len(self.cases)]
 
     def noisy_runs(self, shard: int) -> range:
         """The numbers of the runs that are computed in a shard with noise.
@@ -121,13 +120,13 @@ class Job(NamedTuple):
         depends = {
             **self.asked,
             "--seed": str(self.seed),
-            "settings of the system": settings_of((self.quiet, self.noisy, self.grids)),
+            "settings of the system": settings_of((self.quiet, self.noisy)),
             **surroundings(),
             **own_files(),
         }
         return {
             "cases": [case._asdict() for case in self.cases],
-            "in shards": [self.cases_of(number) for number in range(len(self.quiet))],
+            "in shards": [alike.cases for alike in self.quiet],
             "depends on": depends,
         }
 
@@ -147,20 +146,20 @@ def job_of(
     steps.
     """
     alike: dict[tuple[object, Timing], list[tuple[int, Loop]]] = defaultdict(list)
-    noisy, grids = [], []
+    noisy = []
     for number, case in enumerate(cases):
         loop = built(system, case, plant)
         check(loop)
         grid = timing(loop, system.step, system.control_period or system.step, system.duration)
         alike[form_of(loop), grid].append((number, loop))
-        noisy.append(built(system, case, plant, noisy=True))
-        grids.append(grid)
-    quiet = []
-    for (_, grid), members in alike.items():
-        numbers, loops = zip(*members, strict=True)
-        quiet.append(Alike(numbers, loops, grid))
+        noisy.append(Alike((number,), (built(system, case, plant, noisy=True),), grid))
+    quiet = [
+        Alike(numbers, loops, grid)
+        for (_, grid), members in alike.items()
+        for numbers, loops in [zip(*members, strict=True)]
+    ]
     named = tuple(Named(case.scenario, case.method, tuple(case.segments)) for case in cases)
-    return Job(name, asked or {}, named, tuple(quiet), tuple(noisy), tuple(grids), runs, seed)
+    return Job(name, asked or {}, named, tuple(quiet), tuple(noisy), runs, seed)
 
 
 def judge(job: Job, workers: int = CORES) -> Judged:
@@ -172,112 +171,80 @@ def judge(job: Job, workers: int = CORES) -> Judged:
 
 def content(job: Job, number: int, tell: Tell = silent) -> Content:
     """What is stored of a shard: sums of the figures, and the figures of every run."""
-    cases = job.cases_of(number)
-    tell(0, job.cases[cases[0]].method)
+    numbers, loops, grid = job.in_shard(number)
+    cases, runs = [job.cases[case] for case in numbers], job.runs_of(number)
+    tell(0, cases[0].method)
     if number < len(job.quiet):
-        _, loops, grid = job.quiet[number]
-        found = computed(loops, grid, job.seed, "", range(len(loops)), drawn=True)
-        parts = [
-            {name: figure[lane : lane + 1] for name, figure in found.figures.items()}
-            for lane in range(len(loops))
-        ]
-        noise, first = QUIET, 0
+        found = computed(loops, grid, job.seed, "", range(runs), drawn=True)
+        noise, first, each = QUIET, 0, 1
     else:
-        (case,), numbers = cases, job.noisy_runs(number)
-        scenario, grid = job.cases[case].scenario, job.grids[case]
-        found = computed((job.noisy[case],), grid, job.seed, scenario, numbers, drawn=False)
-        parts = [{name: figure[: job.runs_of(number)] for name, figure in found.figures.items()}]
-        noise, first = NOISY, numbers.start
+        keys = job.noisy_runs(number)
+        found = computed(loops, grid, job.seed, cases[0].scenario, keys, drawn=False)
+        noise, first, each = NOISY, keys.start, runs
+    parts = [
+        {name: figure[lane : lane + each] for name, figure in found.figures.items()}
+        for lane in range(len(cases))
+    ]
     moments = [KnownMoments.of(figures) for figures in parts]
-    sums = {
-        kind: np.stack(
-            [np.stack([getattr(one, kind)[name] for name in FIGURES]) for one in moments]
-        )
-        for kind in _SUMS
-    }
     arrays = {
-        **{_TRACE + str(place): leaf for place, leaf in enumerate(jax.tree.leaves(found.trace))},
-        **sums,
-        "cases": np.array(cases),
+        **{_TRACE + str(place): leaf for place, leaf in enumerate(jax.tree.leaves(found.course))},
+        **{
+            kind: np.array([[getattr(one, kind)[name] for name in FIGURES] for one in moments])
+            for kind in _SUMS
+        },
+        "cases": np.array(numbers),
         "noisy": np.array(noise == NOISY),
-        "summed runs": np.array(moments[0].runs),
-        "steps": np.array(found.runs * steps_of(grid)),
-        "seconds": np.array(found.seconds),
-        "compile_seconds": np.array(found.compile_seconds),
+        "summed runs": np.array(each),
+        **found.took(),
     }
-    runs = {"run": np.arange(first, first + moments[0].runs)}
     rows = [
         segment_rows(
             {"scenario": case.scenario, "method": case.method, "noise": noise},
-            runs,
+            {"run": np.arange(first, first + each)},
             [*case.segments, WHOLE],
             {name: figures[name] for name in FIGURES},
         )
-        for case, figures in zip((job.cases[n] for n in cases), parts, strict=True)
+        for case, figures in zip(cases, parts, strict=True)
     ]
     return Content(arrays, pa.concat_tables(rows).unify_dictionaries())
 
 
-class Tally(NamedTuple):
-    """What some shards add up to."""
-
-    moments: Mapping[tuple[int, str], KnownMoments]  # by number of the case, and noise
-    traces: Mapping[int, Sequence[np.ndarray]]  # the leaves of each case
-    seconds: float
-    compile_seconds: float
-    steps: int
-
-
-def added(parts: Iterable[Arrays]) -> Tally:
-    """What shards add up to, in the order in which they are given."""
-    tally: dict[tuple[int, str], KnownMoments] = {}
-    traces: dict[int, list[np.ndarray]] = {}
-    seconds = compile_seconds = 0.0
-    steps = 0
+def added(cases: Sequence[Named], parts: Iterable[Arrays]) -> Judged:
+    """What shards add up to, in the order in which they are given; of traces there are leaves."""
+    moments: dict[tuple[int, str], KnownMoments] = {}
+    traces: dict[int, Any] = {}
+    took = Counter[str]()
     for part in parts:
         noise = NOISY if part["noisy"] else QUIET
         leaves = [part[f"{_TRACE}{n}"] for n in range(sum(key.startswith(_TRACE) for key in part))]
         for lane, case in enumerate(part["cases"].tolist()):
             sums = [dict(zip(FIGURES, part[kind][lane], strict=True)) for kind in _SUMS]
-            moments = KnownMoments(int(part["summed runs"]), *sums)
+            own = KnownMoments(int(part["summed runs"]), *sums)
             key = case, noise
-            tally[key] = plus(tally[key], moments) if key in tally else moments
+            moments[key] = plus(moments[key], own) if key in moments else own
             if leaves:
                 traces[case] = [leaf[lane] for leaf in leaves]
-        seconds += float(part["seconds"])
-        compile_seconds += float(part["compile_seconds"])
-        steps += int(part["steps"])
-    return Tally(tally, traces, seconds, compile_seconds, steps)
+        took.update({name: part[name].item() for name in ("seconds", "compile_seconds", "steps")})
+    metrics = [
+        _metrics(case, noise, moments[number, noise])
+        for number, case in enumerate(cases)
+        for noise in (QUIET, NOISY)
+        if (number, noise) in moments
+    ]
+    drawn = [traces[case] for case in sorted(traces)]
+    return Judged(pd.concat(metrics, ignore_index=True), drawn, **took)
 
 
 def judged(job: Job, parts: Iterable[Arrays]) -> Judged:
     """The results of a job from what is stored of all its shards."""
-    tally = added(parts)
+    found = added(job.cases, parts)
     forms = {
         case: jax.tree.structure(jax.eval_shape(lambda of=alike: first_row(of.loops[0], of.grid)))
         for alike in job.quiet
         for case in alike.cases
     }
-    return Judged(
-        metrics_of(job.cases, tally),
-        [jax.tree.unflatten(forms[case], tally.traces[case]) for case in range(len(job.cases))],
-        tally.seconds,
-        tally.compile_seconds,
-        tally.steps,
-    )
-
-
-def metrics_of(cases: Sequence[Named], tally: Tally) -> pd.DataFrame:
-    """A row for each case, segment and noise of which there are runs."""
-    return pd.concat(
-        [
-            _metrics(case, noise, tally.moments[number, noise])
-            for number, case in enumerate(cases)
-            for noise in (QUIET, NOISY)
-            if (number, noise) in tally.moments
-        ],
-        ignore_index=True,
-    )
+    drawn = enumerate(found.traces)
+    return found._replace(traces=[jax.tree.unflatten(forms[case], own) for case, own in drawn])
 
 
 def _metrics(case: Named, noise: str, moments: KnownMoments) -> pd.DataFrame:

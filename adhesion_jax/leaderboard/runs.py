@@ -1,6 +1,5 @@
 """Runs of a method side by side in one program, each with its configuration, rails and noise."""
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key, PRNGKeyArray
 from numpy.typing import NDArray
 
-from adhesion_jax.campaign.loops import figures_of, steps_of
+from adhesion_jax.campaign.loops import Computed, figures_of
 from adhesion_jax.identifiers.of_numpy import complain
 from adhesion_jax.programs import QUICKLY, WIDELY, kept
 from adhesion_jax.traction.entrants import Entrant, configured
@@ -45,21 +44,6 @@ class Course(NamedTuple):
     curve: Any  # adhesion of the first axle at SLIPS
 
 
-class Tile(NamedTuple):
-    """The figures of the runs of a tile, [runs, segments and, last, the whole run], and more."""
-
-    figures: Mapping[str, np.ndarray]
-    course: Course
-    seconds: float  # CPU time, without compilation
-    compile_seconds: float  # wall-clock time
-    steps: int  # of the plant, of all runs
-
-    def took(self) -> Mapping[str, np.ndarray]:
-        """What the runs took, to be stored."""
-        names = ("seconds", "compile_seconds", "steps")
-        return {name: np.array(getattr(self, name)) for name in names}
-
-
 def tile(
     terms: Terms,
     timing: Timing,
@@ -67,13 +51,12 @@ def tile(
     family: Family,
     points: Float[np.ndarray, "tile numbers"],
     keys: Key[Array, " tile"],
-) -> Tile:
+) -> Computed:
     """The runs of a method at some points of its box, on rails drawn from the keys."""
     given = jax.tree.map(jnp.asarray, (terms, entrant, family, points, keys))
-    found, seconds, compile_seconds = _runs.timed(*given, timing)
+    found = _runs.timed(*given, timing)
     complain()
-    figures, course = jax.tree.map(np.asarray, found)
-    return Tile(figures, course, seconds, compile_seconds, TILE * steps_of(timing))
+    return Computed.of(found, TILE, timing)
 
 
 # There is a program for each method and family, and each runs a few times alone: it takes half the

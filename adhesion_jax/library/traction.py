@@ -23,7 +23,6 @@ from adhesion_jax.campaign.traction import (
     job_of,
     judge,
     judged,
-    metrics_of,
 )
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
@@ -243,7 +242,7 @@ def traction_control(
 def stored_tables(record: Mapping[str, Any], folder: Path) -> str:
     """The figures, for a terminal, of those runs that are there of the job of a record."""
     cases = [Named(**case) for case in record["cases"]]
-    metrics = metrics_of(cases, added(read_all(folder, record["name"], record["shards"])))
+    metrics = added(cases, read_all(folder, record["name"], record["shards"])).metrics
     shown = metrics[metrics["segment"] == WHOLE]
     columns = ["scenario", "method", "noise", *_ON_THE_WAY, "status"]
     return f"\nmeans over the finished runs, of the whole run each\n{aligned(shown[columns])}"

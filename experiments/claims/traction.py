@@ -58,5 +58,4 @@ def grid_of(system: System, loop: Loop) -> Timing:
 def runs_of(system: System, segments: Sequence[str], loops: Sequence[Loop]) -> Runs:
     """Loops of one form, each once without noise, computed by one program."""
     found = computed(loops, grid_of(system, loops[0]), 0, "", range(len(loops)), drawn=True)
-    assert found.trace is not None
-    return Runs([*segments, "all"], found.figures, found.trace)
+    return Runs([*segments, "all"], found.figures, found.course)

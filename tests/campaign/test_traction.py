@@ -70,7 +70,7 @@ def test_runs_of_any_number_have_the_same_mean_and_deviation(few):
 def test_means_and_errors_are_those_of_the_runs_made_one_by_one(few):
     runs = 40
     asked = job(runs)
-    (loop,), (grid,) = asked.noisy, asked.grids
+    ((_, (loop,), grid),) = asked.noisy
     one = jax.jit(lambda key: run(loop, grid, key))
     found = []
     for key in noise_keys(0, asked.cases[0].scenario, jnp.arange(runs)):
@@ -156,7 +156,7 @@ def test_shards_have_every_run_of_every_case_once():
     assert sum(map(asked.runs_of, range(first))) == len(asked.cases)
     runs = {}
     for number in range(first, asked.shards):
-        (case,) = asked.cases_of(number)
+        (case,) = asked.in_shard(number).cases
         numbers = asked.noisy_runs(number)
         assert 0 < asked.runs_of(number) <= len(numbers)
         runs.setdefault(case, []).extend(numbers[: asked.runs_of(number)])
