@@ -1,8 +1,10 @@
-"""What acts on a train and its method does not know: one list, with levels, tags and words."""
+"""What acts on a train and its method does not know: disturbances.toml has levels, tags, words."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -109,87 +111,30 @@ class Listed(NamedTuple):
 
     disturbance: Disturbance
     words: str
-    tag: str = "A"
-    tuned_on: bool = False
-
-
-def _twisting(
-    frequency: float, damping: float = 0.01, backlash: float = 0.0, dead_time: float = 0.0
-) -> Disturbance:
-    plant: Any = read_plant(shipped()["hxd1f_twist"]).plant
-    plant = replace(
-        plant,
-        twist_frequency=jnp.asarray(frequency),
-        twist_damping=jnp.asarray(damping),
-        backlash=jnp.asarray(backlash),
-    )
-    return Disturbance(plant=plant, dead_time=dead_time)
+    tag: str
+    tuned_on: bool
 
 
 @cache
 def disturbances() -> Mapping[str, Listed]:
     """All, by name. Half are tuned on, a third of which twist; all are judged."""
-    return {
-        "nominal": Listed(Disturbance(), "nothing differs from what is known", "D", True),
-        "wheel-0.5%": Listed(Disturbance(radius=0.005), "the wheel is .5 % smaller than known"),
-        "wheel+0.5%": Listed(
-            Disturbance(radius=-0.005), "the wheel is .5 % larger than known", tuned_on=True
-        ),
-        "wheel-1%": Listed(
-            Disturbance(radius=0.01), "the wheel is 1 % smaller than known", tuned_on=True
-        ),
-        "wheel+1%": Listed(Disturbance(radius=-0.01), "the wheel is 1 % larger than known"),
-        "inertia+20%": Listed(
-            Disturbance(inertia=0.2), "inertia is 20 % larger than known", tuned_on=True
-        ),
-        "inertia-20%": Listed(Disturbance(inertia=-0.2), "inertia is 20 % smaller than known"),
-        "speed-bias": Listed(
-            Disturbance(speed=0.05), "the speed of the train is read .05 m/s too fast"
-        ),
-        "noise-x3": Listed(
-            Disturbance(noise=2.0), "noise of the speeds is three times as large", tuned_on=True
-        ),
-        "encoder": Listed(
-            Disturbance(pulses=80), "the speed of the motor is that of the last of 80 pulses a turn"
-        ),
-        "worn-and-miscounted": Listed(
-            Disturbance(radius=0.01, count=0.0125),
-            "the wheel is 1 % smaller than known, and 81 pulses of the encoder count as 80",
-        ),
-        "dead-time-5ms": Listed(
-            Disturbance(dead_time=0.005), "torque begins 5 ms after its command", tuned_on=True
-        ),
-        "dead-time-10ms": Listed(
-            Disturbance(dead_time=0.01), "torque begins 10 ms after its command", tuned_on=True
-        ),
-        "dead-time-5ms-switches": Listed(
-            Disturbance(dead_time=0.005, hurry=4),
-            "torque begins 5 ms after its command, and the rail changes every second",
-        ),
-        "lag-20ms": Listed(Disturbance(lag=0.01), "the lag of the motor is 20 ms instead of 10"),
-        "load+10%": Listed(Disturbance(load=0.1), "the axle bears 10 % more than is known"),
-        "load-10%": Listed(
-            Disturbance(load=-0.1), "the axle bears 10 % less than is known", tuned_on=True
-        ),
-        "power-dips": Listed(
-            Disturbance(dip=2 / 3), "two thirds of the power are missing in .2 s of each second"
-        ),
-        "twist-30Hz": Listed(_twisting(30.0), "the axle twists at 30 Hz", tuned_on=True),
-        "twist-45Hz": Listed(_twisting(45.0), "the axle twists at 45 Hz", tuned_on=True),
-        "twist-45Hz-undamped": Listed(
-            _twisting(45.0, 0.005),
-            "the axle twists at 45 Hz, damped by half as much",
-            tuned_on=True,
-        ),
-        "twist-70Hz": Listed(_twisting(70.0), "the axle twists at 70 Hz", tuned_on=True),
-        "backlash": Listed(
-            _twisting(45.0, backlash=1e-3), "the axle twists at 45 Hz with a play of 1 mrad"
-        ),
-        "twist-30Hz-dead-10ms": Listed(
-            _twisting(30.0, dead_time=0.01),
-            "the axle twists at 30 Hz, and torque begins 10 ms after its command",
-        ),
-    }
+    path = Path(__file__).with_suffix(".toml")
+    return {name: _listed(**told) for name, told in tomllib.loads(path.read_text("utf-8")).items()}
+
+
+def _listed(
+    words: str,
+    tag: str = "A",
+    tuned_on: bool = False,
+    twisting: Mapping[str, float] | None = None,
+    **levels: Any,
+) -> Listed:
+    """A disturbance of some levels; `twisting` are those of axles that twist."""
+    if twisting is not None:
+        plant: Any = read_plant(shipped()["hxd1f_twist"]).plant
+        numbers = {name: jnp.asarray(value) for name, value in twisting.items()}
+        levels["plant"] = replace(plant, **numbers)
+    return Listed(Disturbance(**levels), words, tag, tuned_on)
 
 
 #: The name of the rows over all disturbances.

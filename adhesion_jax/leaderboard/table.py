@@ -1,7 +1,9 @@
 """The table of a board: a row a method and family of rails, from the figures of its runs."""
 
+import tomllib
 from collections.abc import Mapping
 from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,54 +37,10 @@ RANKED_BY, COSTS = "utility_1", ("torque_variation", "slip_energy_share")
 
 #: Unit and meaning of each column.
 COLUMNS: Mapping[str, tuple[str, str]] = {
-    "rails": ("", "the family that the rails are drawn from"),
-    "method": ("", "its name"),
-    "rank": ("", "place by utility_1; empty for a method that is not ranked"),
-    "remark": ("", "why it is not ranked"),
-    "runs": ("", "number of runs that were judged"),
-    "failed": (
-        "",
-        "number of runs in which it made what is no number; they are left out else",
-    ),
-    "utilisation": ("1", "mean adhesion, as a share of the largest possible"),
-    "pull": ("kN", "mean pull of the train"),
-    "pull_share": ("1", "mean pull, as a share of that at the largest adhesion of every axle"),
-    "worst": ("1", "utilisation of the worst run"),
-    "difference": ("1", "utilisation less that of the ranked method with the largest, run by run"),
-    "seeds_apart": ("1", "largest difference between two seeds, in its standard errors"),
-    "promised": ("1", "utilisation on the rails of tuning; empty for a method that was not tuned"),
-    "promised_z": ("1", "promised less judged, in standard errors; empty on other families"),
-    "never95": ("1", "share of the segments in which 95 % of the largest adhesion is never kept"),
-    "t95_median": ("s", "time until it is, median of all segments; empty if it never is"),
-    "t95_p90": ("s", "the same, within which 90 % of the segments are"),
-    **{
-        f"utility_{price}": ("MJ", f"useful work less {price} times the slip energy, of a run")
-        for price in PRICES
-    },
-    **{
-        f"utility_{price}_share": ("1", f"the same, as a share of that of {OPTIMA[price]}")
-        for price in PRICES
-    },
-    "slip_energy_share": ("1", "energy lost in the contact, per useful work"),
-    "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
-    **{
-        f"axle_torque_{name}": (
-            "1",
-            f"largest torque of an axle's shaft in a run, over its static one: {which} of runs",
-        )
-        for name, which in (("median", "median"), ("p95", "that of 95 %"))
-    },
-    "jerk_rms": ("m/s^3", "jerk of the train, root mean square"),
-    "dominated_by": (
-        "",
-        "a ranked method with a larger utility_1 and less torque_variation and slip_energy_share",
-    ),
-    "microseconds": ("us", "CPU time of an update of seeker and controller"),
-    "state_bytes": ("B", "what they remember from one update to the next"),
-    "tuned": ("", "the numbers that tuning chose"),
-    "plant": ("", "version of plant and loop"),
-    "rails_version": ("", "version of the rails"),
-    "metrics": ("", "version of the metrics"),
+    name: (unit, meaning)
+    for name, (unit, meaning) in tomllib.loads(
+        Path(__file__).with_name("columns.toml").read_text("utf-8")
+    ).items()
 }
 
 #: The columns that hold words, versions among them, which may be all digits.

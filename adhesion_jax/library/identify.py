@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 
 from adhesion_jax.curves import BASES, CURVES, Curve
 from adhesion_jax.curves.bent import Bent
-from adhesion_jax.data import Measured, as_one, check_curve, to_record
+from adhesion_jax.data import as_one, check_curve, to_record
 from adhesion_jax.data.columns import GROUP
-from adhesion_jax.data.events import Chosen
 from adhesion_jax.data.forces import Corrections
 from adhesion_jax.data.grouping import group
 from adhesion_jax.data.naming import guess
@@ -22,15 +21,13 @@ from adhesion_jax.data.stretches import usual_step
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_table
-from adhesion_jax.inference.fit import MeasuredFit, missing_columns
-from adhesion_jax.inference.noise import SlipNoise
+from adhesion_jax.inference.fit import missing_columns
 from adhesion_jax.library.reading import Data, chosen_of, citation_of, parts_named, parts_of
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
-from adhesion_jax.measured.answer import Answer, Estimate, answered, fit_curves
-from adhesion_jax.measured.comparison import Comparison
-from adhesion_jax.measured.groups import AUTO, Group, asked_of, branches_of, labels_of, split
-from adhesion_jax.measured.residual import Residual, residual_structure
-from adhesion_jax.measured.vetoes import Judgement, judged, standing
+from adhesion_jax.measured.answer import Estimate, answered, fit_curves
+from adhesion_jax.measured.groups import AUTO, asked_of, branches_of, labels_of, split
+from adhesion_jax.measured.residual import residual_structure
+from adhesion_jax.measured.vetoes import judged, standing
 from adhesion_jax.plugins import add
 from adhesion_jax.report.events import draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
@@ -42,7 +39,7 @@ from adhesion_jax.report.measured.tables import (
     printed_table,
     short_report,
 )
-from adhesion_jax.report.measured.words import different_rails, in_lines, verdict
+from adhesion_jax.report.measured.words import Identified, in_lines, verdict
 from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.rendering import write_page
 from adhesion_jax.runtime import as_in_commands, silent
@@ -69,7 +66,7 @@ class Param(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
+class Identification(Identified):
     """What measured points say of the peak, and of every curve that was fitted to them.
 
     Slips are ratios, or in m/s where the points have a slip velocity and no vehicle speed.
@@ -95,26 +92,10 @@ class Identification:
         mixed: the levels by a column that nobody named and that predicts them.
     """
 
-    measured: Measured
-    logs: Sequence[Chosen]
-    citation: str
-    fits: Mapping[str, MeasuredFit]
-    not_fitted: Mapping[str, Sequence[str]]
-    residuals: Mapping[str, Residual]
-    answer: Answer
-    judgement: Judgement
-    slip: SlipNoise
-    runs: Sequence[str]
-    comparison: Comparison | None
-    groups: Mapping[str, Group]
-    branches: Comparison | None
-    in_vain: Sequence[str] | None
-    mixed: Comparison | None
-
     @property
     def table(self) -> pd.DataFrame:
         """A row a curve: fit, peak, status, weight, noise."""
-        return curve_rows(self.fits, self.not_fitted, self.answer)
+        return curve_rows(self)
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -127,16 +108,6 @@ class Identification:
         rows = parameter_rows({self.best: self.fit})
         values = zip(rows["value"], rows["se"], strict=True)
         return dict(zip(rows["parameter"], map(Param._make, values), strict=True))
-
-    @property
-    def best(self) -> str:
-        """The name of the curve that predicts best what was left out of its fit."""
-        return max(self.fits, key=lambda name: self.fits[name].log_density)
-
-    @property
-    def fit(self) -> MeasuredFit:
-        """The fit of the best curve, with covariance, noise and status."""
-        return self.fits[self.best]
 
     @property
     def vetoes(self) -> Sequence[str]:
@@ -187,24 +158,7 @@ class Identification:
     @property
     def verdict(self) -> str:
         """In words: what forbids an answer, the curve, the noise, what is left, what to doubt."""
-        return in_lines(self._sections())
-
-    def _sections(self) -> Sequence[tuple[str, Sequence[str]]]:
-        return verdict(
-            self.measured,
-            " ".join(filter(None, (*(log.sentence for log in self.logs), self.citation))),
-            self.fits,
-            self.not_fitted,
-            self.residuals[self.best],
-            self.answer,
-            self.judgement,
-            self.slip,
-            len(self.runs),
-            [one for one in (self.comparison, self.branches) if one is not None],
-            self.groups,
-            self.in_vain,
-            self.mixed,
-        )
+        return in_lines(verdict(self))
 
     def write(self, folder: str | PathLike[str]) -> None:
         """The files IDENTIFY_FILES, as the command writes them; those of runs if compared.
@@ -216,35 +170,29 @@ class Identification:
         write_table(path / "parameters.csv", self.parameters)
         (path / "verdict.txt").write_text(f"{self}\n", encoding="utf-8")
         save_law(path / "law.json", self.curve)
-        title = Path(self.measured.name).name
         self.plot().savefig(path / "curves.png", dpi=150)
         draw_events(path, self.logs)
         if self.comparison is not None:
             write_table(path / "runs.csv", self.comparison.table)
-            draw_comparison(path / "runs.png", title, self.comparison)
+            draw_comparison(path / "runs.png", self.title, self.comparison)
         drawn = [name for name in CAPTIONS["identify"] if (path / name).exists()]
-        write_page(path, page(title, self._lines, self._sections(), self.table, drawn))
+        write_page(path, page(self, drawn))
 
     @as_in_commands
     def plot(self) -> Figure:
         """The points, the curves, their peak with its intervals, and what the curves leave."""
-        title, told = Path(self.measured.name).name, (self.answer, self._level, self._place)
-        return measured_figure(title, self.fits, self.residuals, *told)
+        return measured_figure(self)
 
     def report(self) -> str:
         """The peak, the best curve and its parameters in a few lines; `verdict` has the rest."""
-        return short_report(self.fits, self.best, self._lines)
-
-    @property
-    def _lines(self) -> str:
-        first = different_rails(self.comparison, self.groups, self.mixed)
-        return answer_lines(self.answer, self.fit, self.judgement, first)
+        return short_report(self)
 
     def __repr__(self) -> str:
-        return f"{self._lines}\n\n{printed_table(self.fits, self.answer)}\n\n{self.verdict}"
+        return f"{answer_lines(self)}\n\n{printed_table(self)}\n\n{self.verdict}"
 
     def _repr_html_(self) -> str:
-        return text_html(self._lines) + self.table.to_html(index=False) + text_html(self.verdict)
+        table = self.table.to_html(index=False)
+        return text_html(answer_lines(self)) + table + text_html(self.verdict)
 
 
 @recorded

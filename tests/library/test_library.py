@@ -17,6 +17,7 @@ from adhesion_jax import library
 from adhesion_jax.data import to_runs
 from adhesion_jax.identifiers.riv import RefinedInstruments
 from adhesion_jax.library.reading import measured_of
+from adhesion_jax.report.measured.tables import answer_lines
 
 FRAME = pd.read_csv(aj.SHIPPED["eurosprinter"].path)
 RIG = pd.read_csv(aj.SHIPPED["roller-rig"].path)
@@ -81,7 +82,7 @@ def test_the_parameters_of_each_curve_with_their_errors(found):
         assert tuple(one) == tuple(table.loc[("kiencke", name), ["value", "se"]])
     # In short: the peak, the best curve, and a line for each of its parameters.
     told = found.report()
-    assert told.startswith(f"{found._lines}\nkiencke: rms ")
+    assert told.startswith(f"{answer_lines(found)}\nkiencke: rms ")
     assert [line.split()[0] for line in told.splitlines()[-3:]] == ["a0", "p1", "p2"]
     assert repr(found.fit).startswith("<Kiencke fitted to 163 points: largest adhesion 0.30")
 

@@ -1,7 +1,6 @@
 """The figure of a measured record: points, curves with bands and peaks, residual."""
 
 import textwrap
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.measured.answer import Answer, Estimate, band_of_answer
+from adhesion_jax.measured.answer import band_of_answer
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.residual import Residual, running_mean
-from adhesion_jax.report.measured.words import best_first
+from adhesion_jax.measured.vetoes import standing
+from adhesion_jax.report.measured.words import Identified
 from adhesion_jax.report.style import POINT, STRETCHED, Shown, light_frame, slip_axis
 
 #: Colour, line and peak marker by rank: each alone tells the curves apart, in grey as well.
@@ -30,29 +30,22 @@ _STYLES = (
 _OF_ONE_SIZE = 5.0
 
 
-def measured_figure(
-    title: str,
-    fits: Mapping[str, MeasuredFit],
-    residuals: Mapping[str, Residual],
-    answer: Answer,
-    level: Estimate,
-    place: Estimate,
-) -> Figure:
+def measured_figure(found: Identified) -> Figure:
     """The peak over the points with the curves and, below it, what each curve leaves."""
-    ranked = best_first(fits)
-    best, left = fits[ranked[0]], residuals[ranked[0]]
+    ranked, best, left = found.ranked, found.fit, found.residuals[found.best]
     figure = Shown(figsize=(10, 8), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
 
     _points(above, left, left.adhesion)
     end, begin = 1.04 * left.slip[-1], min(1.04 * left.turned.min(), 0.0)
     grid = end * np.linspace(0.0, 1.0, 800) ** 2
-    _answer(above, answer, fits, grid, left.slip, level, place)
+    _answer(above, found, grid, left.slip)
     for rank, name in enumerate(ranked):
-        _curve(above, name, fits[name], answer.weights[name], grid, rank)
+        _curve(above, name, found.fits[name], found.answer.weights[name], grid, rank)
     above.set_title(
         textwrap.fill(
-            f"{title}: {best.points} points; the fitted curves and the peak with its 95 % interval",
+            f"{found.title}: {best.points} points; the fitted curves and the peak with its 95 % "
+            "interval",
             90,
         ),
         loc="left",
@@ -75,7 +68,7 @@ def measured_figure(
     window = max(5, left.slip.size // 12)
     for rank, name in enumerate(ranked):
         colour, line, _ = _STYLES[rank % len(_STYLES)]
-        means = running_mean(residuals[name].slip, residuals[name].residual, window)
+        means = running_mean(found.residuals[name].slip, found.residuals[name].residual, window)
         below.plot(*means, color=colour, linestyle=line, linewidth=2.2 if rank == 0 else 1.4)
     below.set(
         xlabel=("slip velocity (m/s)" if best.slip_unit else "slip ratio (1)")
@@ -111,21 +104,14 @@ def _points(axes: Axes, left: Residual, height: np.ndarray) -> None:
             )
 
 
-def _answer(
-    axes: Axes,
-    answer: Answer,
-    fits: Mapping[str, MeasuredFit],
-    grid: np.ndarray,
-    measured_slip: np.ndarray,
-    level: Estimate,
-    place: Estimate,
-) -> None:
+def _answer(axes: Axes, found: Identified, grid: np.ndarray, measured_slip: np.ndarray) -> None:
     """The band of all curves together, and the peak with its intervals, or what is reached."""
+    level, place = standing(found.answer, found.judgement)
     # Outside the measured slips the width of a band follows from the form of the curves alone.
     seen = grid[(grid >= measured_slip[0]) & (grid <= measured_slip[-1])][::8]
-    if not answer.mu_max.value > 0:
+    if not found.answer.mu_max.value > 0:
         return
-    _, low, high = band_of_answer(fits, answer, seen).T
+    _, low, high = band_of_answer(found.fits, found.answer, seen).T
     axes.fill_between(
         seen, low, high, color="#9ecae1", alpha=0.6, linewidth=0, label="all curves: 95 % band"
     )

@@ -8,29 +8,32 @@ import pandas as pd
 
 from adhesion_jax.data import Measured
 from adhesion_jax.inference.fit import MeasuredFit
-from adhesion_jax.measured.answer import Answer, Estimate
-from adhesion_jax.measured.vetoes import Judgement
-from adhesion_jax.report.measured.words import best_first, reasons, weights_of
+from adhesion_jax.measured.answer import Estimate
+from adhesion_jax.report.measured.words import (
+    Identified,
+    different_rails,
+    reasons,
+    verdict,
+    weights_of,
+)
 from adhesion_jax.report.page import CAPTIONS, Page, Table, table_of
-from adhesion_jax.report.rendering import Sections, page_of, text_of
+from adhesion_jax.report.rendering import page_of, text_of
 from adhesion_jax.report.text import WIDTH, flush_left, in_columns
 from adhesion_jax.wording import number, plus_minus
 
 
-def answer_lines(answer: Answer, fit: MeasuredFit, judgement: Judgement, first: str) -> str:
-    """The peak by all curves together, for a terminal; `fit` is that of any of them.
-
-    Before it what must be said `first`, if anything.
-    """
+def answer_lines(found: Identified) -> str:
+    """The peak by all curves together, for a terminal; before it what must be said first."""
     told = text_of(
         "answer.txt",
-        answer=answer,
-        fit=fit,
-        judgement=judgement,
-        weights=weights_of(answer),
+        answer=found.answer,
+        fit=found.fit,
+        judgement=found.judgement,
+        weights=weights_of(found.answer),
         interval=_interval,
         wrapped=_wrapped,
     )
+    first = different_rails(found.comparison, found.groups, found.mixed)
     return f"{_wrapped(first)}\n\n{told}" if first else told
 
 
@@ -46,19 +49,16 @@ def _interval(found: Estimate) -> str:
     return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
 
 
-def curve_rows(
-    fits: Mapping[str, MeasuredFit], not_fitted: Mapping[str, Sequence[str]], answer: Answer
-) -> pd.DataFrame:
+def curve_rows(found: Identified) -> pd.DataFrame:
     """One row for each curve; NaN where a quantity does not apply.
 
     Columns: curve, rms, slip_opt, slip_opt_se, mu_max, mu_max_lo, mu_max_hi (95 %), status, the
     weight in the answer, log_density (of what was left out, less what the departure costs), the
     noise (sigma, autocorrelation, run_scatter and slow_level, the last two relative), the departure
-    (misfit, relative), and the degrees of freedom of the interval. `not_fitted` names the columns
-    that a curve needs and the data lack.
+    (misfit, relative), and the degrees of freedom of the interval.
     """
     rows: list[dict[str, object]] = []
-    for name, fit in fits.items():
+    for name, fit in found.fits.items():
         mu_max, (low, high) = float(fit.peak.adhesion), fit.interval
         one: dict[str, object] = {
             "curve": name,
@@ -69,7 +69,7 @@ def curve_rows(
             "mu_max_lo": low,
             "mu_max_hi": high,
             "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
-            "weight": answer.weights[name],
+            "weight": found.answer.weights[name],
             "log_density": fit.log_density,
             "sigma": fit.noise.sigma,
             "autocorrelation": fit.noise.autocorrelation,
@@ -81,7 +81,7 @@ def curve_rows(
         rows.append(one)
     rows += [
         {"curve": name, "status": f"NOT_FITTED: it needs the column {' and '.join(columns)}."}
-        for name, columns in not_fitted.items()
+        for name, columns in found.not_fitted.items()
     ]
     return pd.DataFrame(rows)
 
@@ -106,12 +106,12 @@ def _parameters(fit: MeasuredFit) -> Iterator[tuple[str, float, float]]:
     return zip(fit.curve.free, values, errors, strict=True)
 
 
-def short_report(fits: Mapping[str, MeasuredFit], best: str, answer: str) -> str:
+def short_report(found: Identified) -> str:
     """The lines of the answer and, of the best curve, what it is worth and its parameters."""
-    fit = fits[best]
+    fit = found.fit
     lines = [
-        answer,
-        f"{best}: rms {fit.rms:.3g} over {fit.points} points, {fit.status.name}",
+        answer_lines(found),
+        f"{found.best}: rms {fit.rms:.3g} over {fit.points} points, {fit.status.name}",
     ]
     for parameter, value, error in _parameters(fit):
         known = fit.curve.PARAMETERS[parameter]
@@ -124,13 +124,12 @@ def _with_error(value: float, error: float) -> str:
     return plus_minus(value, error) + ("" if np.isfinite(error) else " (held)")
 
 
-def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
+def printed_table(found: Identified) -> str:
     """The curves, the one that predicts best first, aligned for a terminal."""
-    ranked = best_first(fits)
-    most = fits[ranked[0]].log_density
+    most = found.fit.log_density
     summary, parameters = [], []
-    for name in ranked:
-        fit = fits[name]
+    for name in found.ranked:
+        fit = found.fits[name]
         low, high = fit.interval
         slip_opt = (
             f"{plus_minus(float(fit.peak.slip), fit.slip_opt_se)}{fit.slip_unit}"
@@ -143,7 +142,7 @@ def printed_table(fits: Mapping[str, MeasuredFit], answer: Answer) -> str:
                 "rms": f"{fit.rms:.5f}",
                 "departure": f"{100 * fit.misfit:.1f} %",
                 "log density": f"{fit.log_density - most:.1f}",
-                "weight": f"{answer.weights[name]:.2f}",
+                "weight": f"{found.answer.weights[name]:.2f}",
                 "peak at slip": slip_opt,
                 "mu_max": f"{float(fit.peak.adhesion):.4f} [{low:.4f}, {high:.4f}]",
                 "status": fit.status.name,
@@ -183,16 +182,15 @@ def columns_table(understood: pd.DataFrame) -> str:
 _SHOWN = ("curve", "rms", "slip_opt", "mu_max", "mu_max_lo", "mu_max_hi", "weight", "status")
 
 
-def page(
-    title: str, answer: str, sections: Sections, curves: pd.DataFrame, files: Sequence[str]
-) -> Page:
-    """The answer, what forbids it, the pictures, the verdict under its titles, and the curves."""
+def page(found: Identified, files: Sequence[str]) -> Page:
+    """The answer, what forbids it, the pictures in files, the verdict, and the curves."""
+    curves = curve_rows(found)
     return page_of(
         "identify_page.txt",
-        f"Adhesion of {title}",
-        answer,
+        f"Adhesion of {found.title}",
+        answer_lines(found),
         CAPTIONS["identify"],
-        sections=sections,
+        sections=verdict(found),
         curves=table_of(curves[[name for name in _SHOWN if name in curves]]),
         files=files,
     )

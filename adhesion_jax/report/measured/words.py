@@ -1,12 +1,15 @@
 """The verdict on a measured record in words."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
 from adhesion_jax.data import Measured
+from adhesion_jax.data.events import Chosen
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import SlipNoise
@@ -35,68 +38,83 @@ _APART = 2.0
 _SLIGHT = 5e-4
 
 
-def verdict(
-    measured: Measured,
-    citation: str,
-    fits: Mapping[str, MeasuredFit],
-    not_fitted: Mapping[str, Sequence[str]],
-    left: Residual,
-    answer: Answer,
-    judgement: Judgement,
-    slip: SlipNoise,
-    runs: int,
-    comparisons: Sequence[Comparison],
-    groups: Mapping[str, Group],
-    in_vain: Sequence[str] | None,
-    mixed: Comparison | None,
-) -> Sections:
-    """The verdict in sentences under titles: what forbids an answer comes first.
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """What measured points say of the peak, and of every curve that was fitted to them."""
 
-    `left` is the residual of the curve with the largest log density, and `in_vain` are the columns
-    whose groups were looked at without one that predicts; `mixed` are the levels by a column that
-    nobody named and that predicts them.
-    """
-    ranked = best_first(fits)
-    best, second = fits[ranked[0]], fits[ranked[min(1, len(ranked) - 1)]]
+    measured: Measured
+    logs: Sequence[Chosen]
+    citation: str
+    fits: Mapping[str, MeasuredFit]
+    not_fitted: Mapping[str, Sequence[str]]
+    residuals: Mapping[str, Residual]
+    answer: Answer
+    judgement: Judgement
+    slip: SlipNoise
+    runs: Sequence[str]
+    comparison: Comparison | None
+    groups: Mapping[str, Group]
+    branches: Comparison | None
+    in_vain: Sequence[str] | None
+    mixed: Comparison | None
+
+    @property
+    def title(self) -> str:
+        return Path(self.measured.name).name
+
+    @property
+    def ranked(self) -> list[str]:
+        """The names of the curves, the one that predicts best what was left out first."""
+        return sorted(self.fits, key=lambda name: -self.fits[name].log_density)
+
+    @property
+    def best(self) -> str:
+        """The name of the curve that predicts best what was left out of its fit."""
+        return self.ranked[0]
+
+    @property
+    def fit(self) -> MeasuredFit:
+        """The fit of the best curve, with covariance, noise and status."""
+        return self.fits[self.best]
+
+
+def verdict(found: Identified) -> Sections:
+    """The verdict in sentences under titles: what forbids an answer comes first."""
+    ranked, fits, best, left = found.ranked, found.fits, found.fit, found.residuals[found.best]
+    second = fits[ranked[min(1, len(ranked) - 1)]]
     by_part = best.left_out - second.left_out
     departure, at_slip = _departure(best)
-    table = measured.table
-    slips, adhesion = table[measured.slip], table["adhesion"]
-    return sections_of(
-        "identify.txt",
-        measured=measured,
-        citation=citation,
-        fits=fits,
-        not_fitted=not_fitted,
-        left=left,
-        answer=answer,
-        judgement=judgement,
-        slip=slip,
-        runs=runs,
-        groups=groups,
-        in_vain=in_vain,
-        ranked=ranked,
-        warnings=[*filter(None, [different_rails(None, {}, mixed), judgement.warning])],
-        braking=int(((slips < 0) & (adhesion < 0)).sum()),
-        apart=int((slips * adhesion < 0).sum()),
-        departure=departure,
-        at_slip=at_slip,
-        gain=best.log_density - second.log_density,
-        gain_se=float(np.sqrt(by_part.size) * np.std(by_part)),
-        weights=weights_of(answer),
-        exact_fit=best.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)),
-        compared=[(one, *_ends(one.table)) for one in comparisons],
-        untrusted=[
+    table = found.measured.table
+    slips, adhesion = table[found.measured.slip], table["adhesion"]
+    mixed = different_rails(None, {}, found.mixed)
+    told = {
+        **vars(found),
+        "citation": " ".join(filter(None, (*(log.sentence for log in found.logs), found.citation))),
+        "left": left,
+        "runs": len(found.runs),
+        "ranked": ranked,
+        "warnings": [*filter(None, [mixed, found.judgement.warning])],
+        "braking": int(((slips < 0) & (adhesion < 0)).sum()),
+        "apart": int((slips * adhesion < 0).sum()),
+        "departure": departure,
+        "at_slip": at_slip,
+        "gain": best.log_density - second.log_density,
+        "gain_se": float(np.sqrt(by_part.size) * np.std(by_part)),
+        "weights": weights_of(found.answer),
+        "exact_fit": best.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)),
+        "compared": [(one, *_ends(one.table)) for one in (found.comparison, found.branches) if one],
+        "untrusted": [
             (name, reasons(fits[name]))
             for name in ranked
             if fits[name].status is not Status.TRUSTED
         ],
-        exact=EXACT,
-        cosines=COSINES,
-        slight=_SLIGHT,
-        most_alike=_LIKENESS,
-        apart_errors=_APART,
-    )
+        "exact": EXACT,
+        "cosines": COSINES,
+        "slight": _SLIGHT,
+        "most_alike": _LIKENESS,
+        "apart_errors": _APART,
+    }
+    return sections_of("identify.txt", **told)
 
 
 def _ends(table: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
@@ -112,11 +130,6 @@ def _departure(fit: MeasuredFit) -> tuple[float, float]:
     departure = (fit.law.at(slip).adhesion - alone) / np.abs(alone).max()
     most = int(np.argmax(np.abs(departure)))
     return float(departure[most]), float(slip[most])
-
-
-def best_first(fits: Mapping[str, MeasuredFit]) -> list[str]:
-    """The names of the curves, the one that predicts best first."""
-    return sorted(fits, key=lambda name: -fits[name].log_density)
 
 
 def weights_of(answer: Answer) -> str:
