@@ -16,7 +16,7 @@ from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.traction.families import Family
 from adhesion_jax.traction.families.base import LENGTH, SEGMENTS
-from adhesion_jax.traction.families.exponential import ExponentialRails
+from adhesion_jax.traction.families.by_segment import ExponentialRails
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped

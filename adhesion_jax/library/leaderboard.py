@@ -38,7 +38,7 @@ from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.traction.entrants import ENTRANTS, Entrant, box, sought
 from adhesion_jax.traction.families import FAMILIES, Family
 from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
-from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+from adhesion_jax.traction.seekers.given import TrueOptimum
 from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import terms_of

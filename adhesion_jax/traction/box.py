@@ -1,9 +1,13 @@
-"""The ranges that the numbers of a method may have when it is tuned."""
+"""The settings of the parts of a loop: other ones, and the ranges in which some are tuned."""
 
-from typing import NamedTuple
+import dataclasses
+from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+P = TypeVar("P", bound=eqx.Module)
 
 
 class Range(NamedTuple):
@@ -18,3 +22,8 @@ class Range(NamedTuple):
         if self.log:
             return self.low * jnp.asarray(self.high / self.low) ** share
         return self.low + (self.high - self.low) * share
+
+
+def with_settings(part: P, **settings: Any) -> P:
+    """The part with these settings, and the others as they are."""
+    return dataclasses.replace(part, **settings)

@@ -14,19 +14,14 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.plugins import object_of
 from adhesion_jax.records import Known
-from adhesion_jax.traction.box import Range
+from adhesion_jax.traction.box import Range, with_settings
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
-from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
-from adhesion_jax.traction.seekers.extremum import SlidingExtremum
-from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
 from adhesion_jax.traction.seekers.identified import Identified
 from adhesion_jax.traction.seekers.of_numpy import seeker_of_numpy
-from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
 from adhesion_jax.traction.seekers.slewed import Slewed
-from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
 
 
 class Entrant(NamedTuple):
@@ -81,22 +76,20 @@ def _slewed(seeker: Seeker) -> Slewed:
 
 
 def _by(
-    name: str,
-    known: Known,
-    spacing: float,
-    block: int,
-    ranges: Mapping[str, Range],
-) -> Identified:
-    """An identifier as a seeker."""
-    return Identified(
-        IDENTIFIERS[name],
-        known,
-        dither=0.1,
-        start=_START,
-        threshold=0.015,
-        spacing=spacing,
-        block=block,
-        ranges=tuple(ranges.items()),
+    name: str, known: Known, spacing: float, block: int, ranges: Mapping[str, Range]
+) -> Entrant:
+    """An identifier as a seeker, every `spacing` seconds a sample, so many in a block."""
+    return sought(
+        Identified(
+            IDENTIFIERS[name],
+            known,
+            dither=0.1,
+            start=_START,
+            threshold=0.015,
+            spacing=spacing,
+            block=block,
+            ranges=tuple(ranges.items()),
+        )
     )
 
 
@@ -124,55 +117,39 @@ _KIENCKE_FREE = Known(
 )
 
 _FACTOR = {"identifier.factor": Range(0.99, 0.998)}
+_SHORTER = {"identifier.factor": Range(0.9, 0.99)}
+_LEVEL = {"identifier.level": Range(1e-7, 1e-2, log=True)}
+_SPREAD = {"identifier.spread": Range(0.5, 2.0)}
 _SLOPE = {"known.curve.a0": Range(1.0, 15.0, log=True)}
 
 
 #: By name; the numbers are those before any tuning.
 ENTRANTS: Mapping[str, Entrant] = {
-    "true-optimum": sought(TrueOptimum()),
-    "constant-slip": sought(ConstantSlip(slip=_START)),
-    "perturb-and-observe": sought(
-        PerturbAndObserve(step=0.006, window=0.05, start=_START, lowest=_LOWEST, highest=_HIGHEST)
-    ),
-    "gradient": sought(
-        RepairedGradient(
-            gamma=0.05, memory=0.3, limit=20.0, start=_START, lowest=_LOWEST, highest=_HIGHEST
-        )
-    ),
-    "sliding-extremum": sought(
-        SlidingExtremum(
-            speed=0.4,
-            rise=0.5,
-            width=0.08,
-            start=_START,
-            lowest=_LOWEST,
-            highest=_HIGHEST,
-            tracker=60.0,
-        )
-    ),
+    "true-optimum": sought(SEEKERS["true-optimum"]),
+    "constant-slip": sought(SEEKERS["constant-slip"]),
+    **{
+        name: sought(with_settings(SEEKERS[name], start=_START, lowest=_LOWEST, highest=_HIGHEST))
+        for name in ("perturb-and-observe", "gradient", "sliding-extremum")
+    },
     "offset-curve": sought(SEEKERS["offset-curve"]),
     "robust-curve": Entrant(
         _slewed(SEEKERS["robust-curve"]), CONTROLLERS["anticipating"], _OBSERVER
     ),
-    "varpro": sought(_by("varpro-forgetting", _BURCKHARDT, 1e-3, 10, _FACTOR)),
-    "varpro-offset": sought(_by("varpro-forgetting-offset", _BURCKHARDT, 1e-3, 10, _FACTOR)),
-    "bank-kiencke": sought(_by("bank-kiencke", _KIENCKE, 0.01, 1, _SLOPE)),
-    "riv": sought(_by("riv", _KIENCKE, 0.01, 1, _SLOPE)),
-    "qp": sought(_by("qp-qian2024-1", _KIENCKE, 1e-3, 10, _SLOPE)),
-    "rls": sought(_by("rls-kiencke-variable", _KIENCKE, 1e-3, 10, _SLOPE)),
-    "ml-pooled": sought(
-        _by("ml-pooled", _BURCKHARDT, 0.01, 5, {"identifier.level": Range(1e-7, 1e-2, log=True)})
-    ),
-    "kiencke-free": sought(
-        _by("kiencke-free", _KIENCKE_FREE, 0.01, 1, {"identifier.factor": Range(0.9, 0.99)})
-    ),
-    "ekf": sought(_by("ekf", _BURCKHARDT, 0.01, 1, {"identifier.spread": Range(0.5, 2.0)})),
+    "varpro": _by("varpro-forgetting", _BURCKHARDT, 1e-3, 10, _FACTOR),
+    "varpro-offset": _by("varpro-forgetting-offset", _BURCKHARDT, 1e-3, 10, _FACTOR),
+    "bank-kiencke": _by("bank-kiencke", _KIENCKE, 0.01, 1, _SLOPE),
+    "riv": _by("riv", _KIENCKE, 0.01, 1, _SLOPE),
+    "qp": _by("qp-qian2024-1", _KIENCKE, 1e-3, 10, _SLOPE),
+    "rls": _by("rls-kiencke-variable", _KIENCKE, 1e-3, 10, _SLOPE),
+    "ml-pooled": _by("ml-pooled", _BURCKHARDT, 0.01, 5, _LEVEL),
+    "kiencke-free": _by("kiencke-free", _KIENCKE_FREE, 0.01, 1, _SHORTER),
+    "ekf": _by("ekf", _BURCKHARDT, 0.01, 1, _SPREAD),
     "differential-acceleration": Entrant(None, CONTROLLERS["differential-acceleration"], _OBSERVER),
     "slope-feedback": Entrant(None, CONTROLLERS["slope-feedback"], _OBSERVER),
     "adaptive-robust": Entrant(
         _slewed(
-            PrintedGradient(
-                gamma=0.65, threshold=1e-2, switch=jnp.inf, start=_START, gain=400.0, limit=1.0
+            with_settings(
+                SEEKERS["gradient-uyulan2018"], threshold=1e-2, switch=jnp.inf, start=_START
             )
         ),
         CONTROLLERS["adaptive-robust"],

@@ -112,21 +112,23 @@ def _vertex(
     return shift, jnp.where(top, here - (after - before) ** 2 / (8 * bend), -jnp.inf)
 
 
-class BothSides(Law):
-    """The mean of the laws of both rails at one slip: that of an axle whose wheels turn alike.
+class KnownPeak(Law):
+    """A law whose peak is given, so that it is sought once a rail."""
 
-    Its peak is given, so that it is sought once a rail.
-    """
-
-    right: Law
-    left: Law
     largest: Peak
-
-    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
-        return (self.right(slip, conditions) + self.left(slip, conditions)) / 2
 
     def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
         return self.largest
+
+
+class BothSides(KnownPeak):
+    """The mean of the laws of both rails at one slip: that of an axle whose wheels turn alike."""
+
+    right: Law
+    left: Law
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        return (self.right(slip, conditions) + self.left(slip, conditions)) / 2
 
 
 class Scaled(Law):

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from adhesion_jax.traction.controllers import Controller
-from adhesion_jax.traction.controllers.threshold import Threshold
+from adhesion_jax.traction.controllers.readhesion import Threshold
 from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, SlopeFeedback
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.observers.full_dimension import FullDimension

@@ -2,14 +2,13 @@
 
 import jax.numpy as jnp
 
-from adhesion_jax.traction.controllers.barrier import Barrier
-from adhesion_jax.traction.controllers.differential_acceleration import DifferentialAcceleration
-from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
+from adhesion_jax.traction.controllers.linearised import Barrier, SlidingMode
+from adhesion_jax.traction.controllers.readhesion import DifferentialAcceleration
 from adhesion_jax.traction.loop import Loop
-from adhesion_jax.traction.observers.terminal_sliding import TerminalSliding
+from adhesion_jax.traction.observers.sliding_modes import TerminalSliding
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.rails import by_time
-from adhesion_jax.traction.seekers.extremum import SlidingExtremum
+from adhesion_jax.traction.seekers.climbing import SlidingExtremum
 from adhesion_jax.traction.surface import with_peak
 from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.hxd1f import STARTS, SYSTEM

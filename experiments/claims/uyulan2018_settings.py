@@ -172,7 +172,7 @@ def sided_loop(loop: Loop, setting: Setting) -> Loop:
     right = loop.rails.surfaces.law
     peak, share = right.peak({}), (1 + setting["left"]) / 2
     largest = peak._replace(adhesion=share * peak.adhesion)
-    law = BothSides(right, Scaled(right, jnp.full(3, setting["left"])), largest)
+    law = BothSides(largest, right, Scaled(right, jnp.full(3, setting["left"])))
     rails = changed(loop.rails, surfaces=changed(loop.rails.surfaces, law=law))
     return changed(loop, rails=rails)
 

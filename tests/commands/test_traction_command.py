@@ -107,7 +107,7 @@ def test_the_page_tells_what_was_assumed_and_repaired(written):
 def test_controllers_stand_side_by_side_and_change_no_row_of_each_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(
-        "from adhesion_jax.traction.controllers.sliding_mode import SlidingMode\n"
+        "from adhesion_jax.traction.controllers.linearised import SlidingMode\n"
         "Mine = SlidingMode(gain=900.0, layer=0.05, least=-0.3)\n"
     )
     options = ["--system", "hxd1f", *QUICK, "--runs", "0", "--controller", "mine.py:Mine,barrier"]

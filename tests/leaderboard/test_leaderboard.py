@@ -332,7 +332,7 @@ def test_versions_change_with_what_they_are_of():
         ("traction.sensors", "plant"),
         ("traction.plants.base", "plant"),
         ("traction.families.base", "rails"),
-        ("traction.families.exponential", "rails"),
+        ("traction.families.by_segment", "rails"),
         ("traction.rails", "rails"),
         ("metrics.closed_loop", "metrics"),
     ],

@@ -25,9 +25,9 @@ from adhesion_jax.traction.loop import Loop, check, timing, trace
 from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
+from adhesion_jax.traction.seekers.climbing import PerturbAndObserve
 from adhesion_jax.traction.seekers.of_numpy import seeker_of_numpy
 from adhesion_jax.traction.seekers.offset_curve import OffsetCurve, Sums, fits
-from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
 from adhesion_jax.traction.seekers.slewed import Slewed
 from adhesion_jax.traction.sensors import Sensors, SpeedNoise
 from adhesion_jax.traction.signals import Reference, Signals

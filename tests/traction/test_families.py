@@ -16,19 +16,16 @@ from second_simulator import Segments, utilisation
 from adhesion_jax.effects.contact import Cleaning
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.closed_loop import by_segment, figures, whole
-from adhesion_jax.traction.controllers.barrier import Barrier
+from adhesion_jax.traction.controllers.linearised import Barrier
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.families.base import ADHESIONS, JITTER, LENGTH, SLIPS
-from adhesion_jax.traction.families.patches import LENGTHS
-from adhesion_jax.traction.families.slow import TRANSITION
+from adhesion_jax.traction.families.changing import LENGTHS, TRANSITION
 from adhesion_jax.traction.loop import run, timing
-from adhesion_jax.traction.observers.full_dimension import FullDimension
-from adhesion_jax.traction.observers.true_load import TrueLoad
+from adhesion_jax.traction.observers.full_dimension import FullDimension, TrueLoad
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
 from adhesion_jax.traction.seekers.base import Seeker
-from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
-from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
+from adhesion_jax.traction.seekers.given import ConstantSlip, TrueOptimum
 from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.signals import Reference, Signals
 from adhesion_jax.traction.surface import RailSurface, with_peak

@@ -17,7 +17,7 @@ from adhesion_jax.traction.plants.base import Held, held_by
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.plants.rigid_axles import RigidAxles
 from adhesion_jax.traction.rails import by_time
-from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
+from adhesion_jax.traction.seekers.given import ConstantSlip
 from adhesion_jax.traction.sensors import Sensors
 from adhesion_jax.traction.surface import BothSides, RailSurface, Scaled, exponential
 from adhesion_jax.traction.systems import SYSTEMS
@@ -187,9 +187,8 @@ def test_each_wheel_is_held_by_its_own_rail(name):
     plant, share, slip = read_plant(shipped()[name]).plant, 0.3, 0.12
     speed = jnp.asarray(5.0)
     peak = DRY.peak(speed)
-    law = BothSides(
-        DRY.law, Scaled(DRY.law, share), peak._replace(adhesion=(1 + share) / 2 * peak.adhesion)
-    )
+    largest = peak._replace(adhesion=(1 + share) / 2 * peak.adhesion)
+    law = BothSides(largest, DRY.law, Scaled(DRY.law, share))
     split = Held(jnp.zeros(1), RailSurface(law), jnp.asarray(0.0))
     alike = split._replace(surface=DRY)
     state = plant.init(plant.gear_ratio * (5.0 + slip) / plant.radius, speed)

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
 from adhesion_jax.traction.controllers.anticipating import Anticipating
-from adhesion_jax.traction.controllers.barrier import Barrier
 from adhesion_jax.traction.controllers.base import Controller
-from adhesion_jax.traction.controllers.differential_acceleration import DifferentialAcceleration
-from adhesion_jax.traction.controllers.linearised_pi import LinearisedPI
-from adhesion_jax.traction.controllers.no_control import NoControl
-from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
-from adhesion_jax.traction.controllers.threshold import Threshold
+from adhesion_jax.traction.controllers.linearised import Barrier, LinearisedPI, SlidingMode
+from adhesion_jax.traction.controllers.readhesion import (
+    DifferentialAcceleration,
+    NoControl,
+    Threshold,
+)
 from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, SlopeFeedback
 
 #: Those that may be named, with settings.

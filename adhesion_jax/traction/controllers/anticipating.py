@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 
 from adhesion_jax.traction.box import Range
-from adhesion_jax.traction.controllers.base import Controller, followed, torque_for
+from adhesion_jax.traction.controllers.base import Controller, at_least, followed, torque_for
 from adhesion_jax.traction.driver import lowered
 from adhesion_jax.traction.filters import Swing, lagged
 from adhesion_jax.traction.plants.base import Plant, limited
@@ -73,7 +73,7 @@ class Anticipating(Controller):
         coming = state.coming + period * (state.command - torque)
         coming = lagged(coming, delay * torque, _FADE, period)
 
-        wanted, sign = followed(signals), signals.direction
+        wanted = followed(signals)
         turning = nominal.gear_ratio * nominal.inertia / nominal.radius
         error = signals.slip - wanted.slip + (coming - delay * signals.load) / turning
         gain = jnp.minimum(self.gain, self.share / delay)
@@ -81,6 +81,6 @@ class Anticipating(Controller):
         swing = state.swing.after(torque, period)
         late = jnp.minimum((delay - known) / _LATE, 1.0)
         torque = torque - late * swing.strength(_LEAST * nominal.torque_limit) * swing.band
-        torque = sign * jnp.maximum(sign * torque, self.least * nominal.torque_limit)
+        torque = at_least(self.least, nominal, signals, torque)
         acting = limited(nominal, lowered(signals.demand, torque), signals.motor_speed)
         return AnticipatingState(acting, command, smooth, asked, moved, coming, swing), torque

@@ -6,10 +6,11 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from adhesion_jax.traction.box import Range
 from adhesion_jax.traction.plants.base import Plant
-from adhesion_jax.traction.signals import PerAxle, Reference, Signals
+from adhesion_jax.traction.signals import PerAxle, Reference, Setting, Signals
 
 
 class Controller(eqx.Module):
@@ -41,6 +42,12 @@ def torque_for(nominal: Plant, signals: Signals, acceleration: PerAxle) -> PerAx
     train = nominal.acceleration(signals.adhesion, signals.train_speed)
     turning = nominal.gear_ratio * nominal.inertia / nominal.radius
     return signals.load + turning * (acceleration + train)
+
+
+def at_least(least: Setting, nominal: Plant, signals: Signals, torque: PerAxle) -> PerAxle:
+    """The torque, which in the driver's direction is this share of the largest or more."""
+    sign = signals.direction
+    return sign * jnp.maximum(sign * torque, least * nominal.torque_limit)
 
 
 def followed(signals: Signals) -> Reference:

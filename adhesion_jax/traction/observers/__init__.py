@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 
 from adhesion_jax.traction.observers.base import Observer
-from adhesion_jax.traction.observers.full_dimension import FullDimension
+from adhesion_jax.traction.observers.full_dimension import FullDimension, TrueLoad
 from adhesion_jax.traction.observers.kalman import Kalman
-from adhesion_jax.traction.observers.super_twisting import SuperTwisting
-from adhesion_jax.traction.observers.terminal_sliding import TerminalSliding
-from adhesion_jax.traction.observers.true_load import TrueLoad
+from adhesion_jax.traction.observers.sliding_modes import SuperTwisting, TerminalSliding
 
 #: Those that may be named, with settings for a sample of 1 ms and noise of .02 rad/s and 5 mm/s.
 OBSERVERS: Mapping[str, Observer] = {

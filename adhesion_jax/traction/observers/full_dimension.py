@@ -1,4 +1,4 @@
-"""The full-dimension state observer with a double pole, after Fang et al. 2018, Eq. 7 and 8."""
+"""The full-dimension state observer with a double pole, and the true load."""
 
 from typing import ClassVar, NamedTuple
 
@@ -22,7 +22,7 @@ class FullDimension(Observer):
     """dw^ = 2 p (w^ - w) + (T - T_L^)/J, dT_L^ = J p^2 (w^ - w), p < 0 in 1/s.
 
     T_L^ is T_L through p^2/(s - p)^2, so that a step is followed to 2 % after 5.83/|p|; the slip
-    passes the same filter.
+    passes the same filter. After Fang et al. 2018, Eq. 7 and 8.
     """
 
     pole: Setting
@@ -54,3 +54,22 @@ class FullDimension(Observer):
 
     def largest_step(self, nominal: Plant) -> float:
         return 2 / float(np.max(np.abs(self.pole)))
+
+
+class TrueLoad(Observer):
+    """The true T_L in N m, which no train can measure."""
+
+    TOLD_LOAD = True
+
+    def init(self, nominal: Plant, measured: Measurement) -> Measurement:
+        return measured
+
+    def update(
+        self,
+        state: Measurement,
+        nominal: Plant,
+        measured: Measurement,
+        torque: PerAxle,
+        step: float,
+    ) -> Measurement:
+        return measured

@@ -3,13 +3,15 @@
 from collections.abc import Mapping
 
 from adhesion_jax.traction.seekers.base import Seeker
-from adhesion_jax.traction.seekers.constant_slip import ConstantSlip
-from adhesion_jax.traction.seekers.extremum import SlidingExtremum
-from adhesion_jax.traction.seekers.gradient import PrintedGradient, RepairedGradient
+from adhesion_jax.traction.seekers.climbing import (
+    PerturbAndObserve,
+    PrintedGradient,
+    RepairedGradient,
+    SlidingExtremum,
+)
+from adhesion_jax.traction.seekers.given import ConstantSlip, TrueOptimum
 from adhesion_jax.traction.seekers.offset_curve import OffsetCurve
-from adhesion_jax.traction.seekers.perturb import PerturbAndObserve
 from adhesion_jax.traction.seekers.robust_curve import RobustCurve
-from adhesion_jax.traction.seekers.true_optimum import TrueOptimum
 
 _OFFSET_CURVE = OffsetCurve(price=1.0, memory=0.6, threshold=0.007, dither=0.06, start=0.1)
 

@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from adhesion_jax.traction.controllers import Controller
-from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, SlopeFeedback
+from adhesion_jax.traction.box import with_settings
+from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
@@ -46,19 +46,15 @@ def roads(second_kmh: float = 5.5) -> BySpeed:
 
 def _slope(gain: float) -> Controller:
     """Eq. 9 with K1 as printed; gamma, P(0), beta(0) and the filter are assumed."""
-    return SlopeFeedback(
-        slope_gain=19000.0,
-        adhesion_gain=gain,
-        gamma=10.0,
-        first_p=10.0,
-        first_slope=0.3,
-        filter_time=0.05,
-    )
+    return with_settings(CONTROLLERS["slope-feedback"], adhesion_gain=gain)
 
 
 def _rate(rate_gain: float, gain: float, engaged_kmh: float = 30.0) -> Controller:
-    return RateFeedback(
-        rate_gain=rate_gain, adhesion_gain=gain, filter_time=0.05, engaged=engaged_kmh * _KMH
+    return with_settings(
+        CONTROLLERS["rate-feedback"],
+        rate_gain=rate_gain,
+        adhesion_gain=gain,
+        engaged=engaged_kmh * _KMH,
     )
 
 
@@ -78,17 +74,9 @@ _METHODS = (
 
 
 def _cases(_: float) -> list[Case]:
+    track, observer = "0 to 130 to 25 km/h", FullDimension(-30.0)
     return [
-        Case(
-            "0 to 130 to 25 km/h",
-            name,
-            SEGMENTS,
-            roads(second_kmh),
-            FullDimension(-30.0),
-            None,
-            controller,
-            1e-3,
-        )
+        Case(track, name, SEGMENTS, roads(second_kmh), observer, None, controller, 1e-3)
         for name, controller, second_kmh in _METHODS
     ]
 

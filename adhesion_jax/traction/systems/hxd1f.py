@@ -1,7 +1,7 @@
 """The HXD1F of "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515."""
 
 from adhesion_jax.traction.controllers import CONTROLLERS
-from adhesion_jax.traction.controllers.sliding_mode import SlidingMode
+from adhesion_jax.traction.controllers.linearised import SlidingMode
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.observers.full_dimension import FullDimension
