@@ -9,26 +9,30 @@ from adhesion_jax.identifiers.base import Status as Status
 from adhesion_jax.identifiers.base import follow as follow
 from adhesion_jax.identifiers.base import identify as identify
 from adhesion_jax.identifiers.bayes_departure import bayes_departure
-from adhesion_jax.identifiers.ekf import ekf
 from adhesion_jax.identifiers.gradient import GradientLeastSquares
 from adhesion_jax.identifiers.imm_rails import imm_rails
+from adhesion_jax.identifiers.kalman import ekf, ukf
 from adhesion_jax.identifiers.kiencke_free import kiencke_free
-from adhesion_jax.identifiers.ls_kiencke import LinearLeastSquares
+from adhesion_jax.identifiers.ls_kiencke import (
+    LinearLeastSquares,
+    rls_kiencke,
+    rls_kiencke_variable,
+)
 from adhesion_jax.identifiers.ml_de import ml_de, ml_de_eq16, ml_de_eq17, ml_de_he2018, ml_de_robust
-from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
-from adhesion_jax.identifiers.ml_pooled import PooledMaximumLikelihood
+from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood, PooledMaximumLikelihood
 from adhesion_jax.identifiers.particle import particle
-from adhesion_jax.identifiers.qp_bias_compensated import qp_bias_compensated
-from adhesion_jax.identifiers.qp_qian2024 import qp_qian2024_1, qp_qian2024_2
+from adhesion_jax.identifiers.qp_qian2024 import (
+    qp_bias_compensated,
+    qp_qian2024_1,
+    qp_qian2024_2,
+)
 from adhesion_jax.identifiers.riv import riv
-from adhesion_jax.identifiers.rls_kiencke import rls_kiencke, rls_kiencke_variable
 from adhesion_jax.identifiers.rls_slope import rls_slope
-from adhesion_jax.identifiers.ukf import ukf
 from adhesion_jax.identifiers.varpro_forgetting import (
     varpro_forgetting,
     varpro_forgetting_offset,
 )
-from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
+from adhesion_jax.optim import levenberg_marquardt, libraries
 
 IDENTIFIERS: Mapping[str, Identifier] = {
     "ml-exact": ExactMaximumLikelihood(),
@@ -39,10 +43,10 @@ IDENTIFIERS: Mapping[str, Identifier] = {
     "ml-de-he2018": ml_de_he2018,
     "ml-de-robust": ml_de_robust,
     "lm": GradientLeastSquares(levenberg_marquardt.fit, steps=50),
-    "lm-jaxopt": GradientLeastSquares(jaxopt_solvers.levenberg_marquardt, steps=50),
-    "gn-jaxopt": GradientLeastSquares(jaxopt_solvers.gauss_newton, steps=20),
-    "lm-optimistix": GradientLeastSquares(optimistix_solvers.levenberg_marquardt, steps=50),
-    "gn-optimistix": GradientLeastSquares(optimistix_solvers.gauss_newton, steps=20),
+    "lm-jaxopt": GradientLeastSquares(libraries.jaxopt_levenberg_marquardt, steps=50),
+    "gn-jaxopt": GradientLeastSquares(libraries.jaxopt_gauss_newton, steps=20),
+    "lm-optimistix": GradientLeastSquares(libraries.optimistix_levenberg_marquardt, steps=50),
+    "gn-optimistix": GradientLeastSquares(libraries.optimistix_gauss_newton, steps=20),
     "bayes-departure": bayes_departure,
     "ls-kiencke": LinearLeastSquares(),
     "qp-qian2024-1": qp_qian2024_1,

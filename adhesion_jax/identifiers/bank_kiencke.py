@@ -1,5 +1,6 @@
 """Filters on Kiencke's curve that forget at several rates, each weighed by its success."""
 
+from dataclasses import replace
 from typing import NamedTuple, cast
 
 import jax
@@ -9,10 +10,8 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers.base import Estimate
 from adhesion_jax.identifiers.innovations import FINEST, followed_scale, huber_weight
-from adhesion_jax.identifiers.kiencke_linear import OnlineKiencke, online_estimate, start_of
-from adhesion_jax.identifiers.online import LARGEST, OnlineState, Sample, begin
+from adhesion_jax.identifiers.online import LARGEST, Found, Sample
 from adhesion_jax.identifiers.pairs import (
     Element,
     Square,
@@ -24,20 +23,17 @@ from adhesion_jax.identifiers.pairs import (
 )
 from adhesion_jax.identifiers.young import (
     LENGTH,
-    InstrumentSums,
-    LatestSamples,
+    Young,
+    YoungKiencke,
     along,
+    at_the_start,
     curve_at,
-    grown_older,
     inverse,
-    is_new,
-    no_latest,
-    no_sums,
     refitted,
     voted,
 )
-from adhesion_jax.optim.arrays import Count, Value, Whether
-from adhesion_jax.records import Known, Record
+from adhesion_jax.optim.arrays import Value
+from adhesion_jax.records import Known
 
 Of = Float[Array, " members"]
 
@@ -76,20 +72,15 @@ class Members(NamedTuple):
     weight: Of
 
 
-class BankRecursion(NamedTuple):
-    x: Vector  # mean of the mixture
-    kept: LatestSamples
-    sums: InstrumentSums
+class BankRecursion(Young):
+    """With x the mean of the mixture, and the scale of that part of the noise which is new."""
+
     members: Members
-    scale: Value  # standard deviation of the part of the noise that is new in a sample
     squares: Value  # mean square of the residuals
     products: Value  # mean product of neighbours among them
-    samples: Count
-    age: Count
-    reset: Whether
 
 
-class Bank(OnlineKiencke):
+class Bank(YoungKiencke):
     """Kalman filters on x = (p1, p2), with and without a trend, and the mixture of them.
 
     A member is an extended Kalman filter for z = mu(l; x) + e with S = 1 + h'P h, in units of the
@@ -108,7 +99,6 @@ class Bank(OnlineKiencke):
     latest samples (`young`).
     """
 
-    RESETS = True
     KNOWS_MEMORY = True
 
     factor: Float[Array | np.ndarray, " members"]  # by which the past is discounted in a sample
@@ -119,39 +109,23 @@ class Bank(OnlineKiencke):
     gain: Scalar  # least gain of the scale
     start: Scalar  # standard deviation of the start, as a share of the box
 
-    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
-        zero, none, no = jnp.zeros(()), jnp.int32(0), jnp.zeros((), dtype=bool)
-        x, scale = start_of(known), jnp.asarray(FINEST)
-        members = self._alike(known, x, no_matrix(), scale, zero)
-        start = x, no_latest(), no_sums(), members, scale, zero, zero, none, none, no
-        return begin(known, BankRecursion(*start))
+    def initial(self, known: Known, key: PRNGKeyArray) -> BankRecursion:
+        young, zero = at_the_start(known), jnp.zeros(())
+        members = self._alike(known, young.x, no_matrix(), young.scale, zero)
+        return BankRecursion(**vars(young), members=members, squares=zero, products=zero)
 
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        recursion = state.recursion._replace(reset=jnp.zeros((), dtype=bool))
-        return super().update(state._replace(recursion=recursion), record)
-
-    def estimate(self, state: OnlineState) -> Estimate:
+    def found(self, known: Known, recursion: BankRecursion) -> Found:
         """The mean of the mixture, and its covariance within the members and between them."""
-        recursion = state.recursion
         _, covariance = mixture(recursion.members, recursion.scale)
-        return online_estimate(
-            state,
+        return Found(
+            recursion.x.array(),
             recursion.scale**2 * covariance.array(),
             recursion.samples > 2,
             jnp.sum(recursion.members.weight * self.factor),
-            recursion.reset,
         )
 
-    def step(self, known: Known, recursion: BankRecursion, sample: Sample) -> BankRecursion:
-        taken, slip, adhesion, _ = sample
-        size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
-        taken = taken & is_new(recursion.kept, size, adhesion)
-        after = self._after(known, recursion, size, adhesion)
-        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, recursion)
-
-    def _after(
-        self, known: Known, recursion: BankRecursion, size: Value, adhesion: Value
-    ) -> BankRecursion:
+    def after(self, known: Known, recursion: BankRecursion, sample: Sample) -> BankRecursion:
+        _, size, adhesion, _ = sample
         scale, kept = recursion.scale, recursion.kept
         memory = correlation(recursion)
         members = self._moved(known, self._dealt(recursion.members, scale), scale)
@@ -166,50 +140,32 @@ class Bank(OnlineKiencke):
         mean = jnp.sum(members.weight * residual)
         between = ((residual - mean) / scale) ** 2
         nu = mean / (scale * jnp.sqrt(jnp.sum(members.weight * (spread + between))))
-        kept, reset = voted(kept, recursion.samples, size, adhesion, nu)
-        samples = recursion.samples + 1
-        age = grown_older(recursion.age, reset)
-        scale = jnp.maximum(followed_scale(scale, nu, samples, self.gain), _FINEST)
 
         # Of a noise with the correlation r the share 1 - r^2 of the variance is new in a sample.
-        whole = recursion.scale / jnp.sqrt(1 - memory**2)
+        whole = scale / jnp.sqrt(1 - memory**2)
         errors = (jnp.sum(members.weight * one.residual) for one in (now, before))
         pair = (jnp.clip(one, -_CLIPPED * whole, _CLIPPED * whole) for one in errors)
         recursion = _heard(recursion, *pair)
         memory = correlation(recursion)
         new = jnp.sqrt(1 - memory**2)
-        x, sums, whole = refitted(
-            known,
-            kept,
-            mixture(grown, scale)[0],
-            recursion.sums,
-            scale / new,
-            samples,
-            age,
-            reset,
-            self.huber,
-            self.start,
-        )
-        scale = jnp.maximum(jnp.where(samples <= LENGTH, whole * new, scale), _FINEST)
+        recursion, reset = voted(recursion, sample, nu)
+        scale = followed_scale(scale, nu, recursion.samples, self.gain)
+        scale = jnp.maximum(scale, _FINEST)
+        recursion = replace(recursion, x=mixture(grown, scale)[0], scale=scale / new)
+        recursion = refitted(known, recursion, reset, self.huber, self.start)
+        first = recursion.samples <= LENGTH
+        scale = jnp.maximum(jnp.where(first, recursion.scale * new, scale), _FINEST)
         # The mean of such a noise has 1/(1 - r)^2 times the variance that its new share would have.
         young = self._alike(
             known,
-            x,
-            1 / (1 - memory) ** 2 * inverse(sums),
+            recursion.x,
+            1 / (1 - memory) ** 2 * inverse(recursion.sums),
             scale,
-            jnp.sum(kept.used, dtype=float),
+            jnp.sum(recursion.kept.used, dtype=float),
         )
-        members = jax.tree.map(lambda a, b: jnp.where(age <= LENGTH, a, b), young, grown)
-        return recursion._replace(
-            x=mixture(members, scale)[0],
-            kept=kept,
-            sums=sums,
-            members=members,
-            scale=scale,
-            samples=samples,
-            age=age,
-            reset=recursion.reset | reset,
-        )
+        is_young = recursion.age <= LENGTH
+        members = jax.tree.map(lambda a, b: jnp.where(is_young, a, b), young, grown)
+        return replace(recursion, x=mixture(members, scale)[0], members=members, scale=scale)
 
     def _alike(
         self, known: Known, x: Vector, covariance: Symmetric, scale: Value, count: Value
@@ -327,7 +283,8 @@ def _heard(recursion: BankRecursion, now: Value, before: Value) -> BankRecursion
         recursion.samples < _UNSURE, 0.0, 1 / jnp.minimum(recursion.samples + 1.0, _MEMORY)
     )
     squares, products = recursion.squares, recursion.products
-    return recursion._replace(
+    return replace(
+        recursion,
         squares=squares + gain * ((now**2 + before**2) / 2 - squares),
         products=products + gain * (now * before - products),
     )

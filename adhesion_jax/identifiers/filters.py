@@ -8,14 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values, with_free_values
-from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
 from adhesion_jax.identifiers.innovations import SLOW, followed_scale, huber_weight, votes
-from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
+from adhesion_jax.identifiers.online import Found, Sample, SelectiveMethod
 from adhesion_jax.optim.arrays import Count, Value, Vector, Whether
 from adhesion_jax.optim.box import Logit
 from adhesion_jax.optim.kalman import Gaussian, Model
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: After the start and after a reset this many samples have no vote: the belief about the parameters
 #: is then far from normal, and many an innovation is larger than it should be.
@@ -45,7 +43,7 @@ class FilterRecursion(NamedTuple):
     reset: Whether  # whether there was one in the last record
 
 
-class RandomWalkFilter(Identifier):
+class RandomWalkFilter(SelectiveMethod):
     """A Bayesian filter of parameters that walk at random, in coordinates without bounds.
 
     A parameter between its bounds is lower + (upper - lower)/(1 + exp(-x)): far from the upper one
@@ -62,7 +60,6 @@ class RandomWalkFilter(Identifier):
     the digit is passed over.
     """
 
-    FITS_LAST_RECORD = False
     RESETS = True
 
     spread: Scalar = 1.0  # standard deviation of the start, in coordinates
@@ -105,10 +102,10 @@ class RandomWalkFilter(Identifier):
     def summary(self, belief: Any) -> Gaussian:
         """Mean and covariance of the coordinates."""
 
-    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
+    def initial(self, known: Known, key: PRNGKeyArray) -> FilterRecursion:
         mean = coordinates_of(known).from_box(free_values(known.curve))
         zero, none = jnp.zeros(()), jnp.zeros((), dtype=bool)
-        return begin(known, self._begun(self.start(known, mean, key), zero, zero, none))
+        return self._begun(self.start(known, mean, key), zero, zero, none)
 
     def _begun(self, belief: Any, size: Value, adhesion: Value, reset: Whether) -> FilterRecursion:
         walk, scale, zero = jnp.asarray(self.walk), jnp.asarray(self.noise), jnp.zeros(())
@@ -117,35 +114,18 @@ class RandomWalkFilter(Identifier):
             belief, walk, zero, scale, jnp.int32(0), nobody, size, adhesion, reset
         )
 
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        known = state.known
-        state = state._replace(recursion=state.recursion._replace(reset=jnp.zeros((), dtype=bool)))
-        columns = known.curve.NEEDS
-        state = over_fresh_samples(
-            lambda recursion, sample: self.step(known, recursion, sample), state, record, columns
-        )
-        misfit = residual(known, record, self._parameters(state))
-        squares = jnp.sum(jnp.where(jnp.isfinite(misfit), misfit, 0.0) ** 2)
-        return state._replace(objective=squares)
+    def tells(self, recursion: FilterRecursion, sample: Sample) -> Whether:
+        repeats = (sample.slip == recursion.size) & (sample.adhesion == recursion.adhesion)
+        return (sample.slip > 0) & ~repeats
 
-    def step(self, known: Known, recursion: FilterRecursion, sample: Sample) -> FilterRecursion:
-        """The recursion after one more sample, or as it was where this is not taken."""
-        taken, slip, adhesion, others = sample
-        size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
+    def after(self, known: Known, recursion: FilterRecursion, sample: Sample) -> FilterRecursion:
+        _, size, adhesion, others = sample
         conditions = dict(zip(known.curve.NEEDS, others, strict=True))
-        repeats = (size == recursion.size) & (adhesion == recursion.adhesion)
-        taken = taken & (size > 0) & ~repeats
         coordinates = coordinates_of(known)
 
         def model(x: Vector) -> Value:
             return with_free_values(known.curve, coordinates.to_box(x))(size, conditions)
 
-        after = self._after(known, recursion, model, size, adhesion)
-        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, recursion)
-
-    def _after(
-        self, known: Known, recursion: FilterRecursion, model: Model, size: Value, adhesion: Value
-    ) -> FilterRecursion:
         belief, noise = self.walked(recursion.belief, recursion.walk), recursion.scale**2
         mean, variance = self.predicted(belief, model)
         nu = (adhesion - mean) / jnp.sqrt(variance + noise)
@@ -175,29 +155,16 @@ class RandomWalkFilter(Identifier):
         anew = self._begun(self.again(known, belief, centre), size, adhesion, reset)
         return jax.tree.map(lambda new, old: jnp.where(reset, new, old), anew, later)
 
-    def estimate(self, state: OnlineState) -> Estimate:
-        known, recursion = state.known, state.recursion
+    def found(self, known: Known, recursion: FilterRecursion) -> Found:
         coordinates = coordinates_of(known)
         mean, covariance = self.summary(recursion.belief)
         slope = coordinates.slope(mean)
-        parameters = self._parameters(state)
-        finite = jnp.all(jnp.isfinite(mean))
-        fit = Fit(
-            parameters,
+        return Found(
+            jnp.where(jnp.all(jnp.isfinite(mean)), coordinates.to_box(mean), jnp.nan),
             slope[:, None] * covariance * slope,
-            state.objective,
-            state.samples,
-            recursion.samples >= parameters.size,
-            finite,
-            state.skipped,
+            recursion.samples >= mean.size,
+            jnp.ones(()),
         )
-        return to_estimate(known, fit, jnp.ones(()), recursion.reset)
-
-    def _parameters(self, state: OnlineState) -> Vector:
-        """Those at the mean; should that have overflowed, those of the start."""
-        mean = self.summary(state.recursion.belief).mean
-        inside = coordinates_of(state.known).to_box(mean)
-        return jnp.where(jnp.all(jnp.isfinite(mean)), inside, free_values(state.known.curve))
 
 
 def coordinates_of(known: Known) -> Logit:

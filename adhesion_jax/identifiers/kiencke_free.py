@@ -3,28 +3,22 @@
 from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
-from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
+from adhesion_jax.identifiers.online import Found, Sample, SelectiveMethod
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import levenberg_marquardt
-from adhesion_jax.optim.arrays import Count, Matrix, Value, Vector
+from adhesion_jax.optim.arrays import Count, Matrix, Value, Vector, Whether
 from adhesion_jax.optim.levenberg_marquardt import Local, advance, normal_equations
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: Intervals of slip: the first one from 0 to this share of the largest slip, each of the others by
 #: an equal factor up to the largest one.
 _BINS, _LEAST = 64, 1e-3
-
-#: Evaluations of the curve at each sample: at the last estimate, and after each of two steps.
-_EVALUATIONS = 3
 
 #: Most damping that is left for the next sample: a thousandth of a step of Gauss and Newton.
 _MOST_DAMPED = 1e3
@@ -50,7 +44,7 @@ class Means(NamedTuple):
     within: tuple[Float[Array, " bins"], Float[Array, " bins"], Float[Array, " bins"]]
 
 
-class KienckeFree(Identifier):
+class KienckeFree(SelectiveMethod):
     """The least sum w (mu - a0 l/(1 + p1 l + p2 l^2))^2, w = factor^(number of samples since).
 
     For a rail whose initial slope is not known. The linear form mu = a0 l - p1 l mu - p2 l^2 mu
@@ -63,8 +57,8 @@ class KienckeFree(Identifier):
     the parameters.
     """
 
-    FITS_LAST_RECORD = False
     RESETS = False
+    EVALUATIONS = 3  # at the last estimate, and after each of two steps
 
     factor: Scalar
 
@@ -75,21 +69,18 @@ class KienckeFree(Identifier):
             return None
         return "it is written for Kiencke's curve with a0, p1 and p2 unknown"
 
-    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
+    def initial(self, known: Known, key: PRNGKeyArray) -> Binned:
         x = free_values(known.curve)
         damping = levenberg_marquardt.begin(x).damping
         none = jnp.zeros((_BINS, 3, 3)), jnp.zeros(_BINS)
-        return begin(known, Binned(*none, x, damping, jnp.int32(0)))
+        return Binned(*none, x, damping, jnp.int32(0))
 
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        state = over_fresh_samples(partial(self.step, state.known), state, record)
-        misfit = residual(state.known, record, state.recursion.x)
-        return state._replace(objective=jnp.sum(jnp.where(jnp.isfinite(misfit), misfit, 0.0) ** 2))
+    def tells(self, sums: Binned, sample: Sample) -> Whether:
+        """A sample at slip 0 says nothing of the curve."""
+        return sample.slip > 0
 
-    def step(self, known: Known, sums: Binned, sample: Sample) -> Binned:
-        """A sample at slip 0 says nothing of the curve and is passed over."""
-        taken, slip, adhesion, _ = sample
-        size, adhesion = jnp.abs(slip), jnp.where(slip < 0, -adhesion, adhesion)
+    def after(self, known: Known, sums: Binned, sample: Sample) -> Binned:
+        _, size, adhesion, _ = sample
         centres = centres_of(known)
         place = jnp.sum(size >= edges_of(known))
         row = jnp.stack([jnp.ones(()), size / centres[place] - 1, adhesion])
@@ -98,26 +89,14 @@ class KienckeFree(Identifier):
         squares = jnp.square(self.factor) * sums.squares + here
         evaluate = partial(evaluated, means_of(products, centres, sums.x))
         search = levenberg_marquardt.begin(sums.x)._replace(damping=sums.damping)
-        for _ in range(_EVALUATIONS):
+        for _ in range(self.EVALUATIONS):
             search = advance(evaluate, search, known.lower, known.upper, jnp.zeros(()))
         damping = jnp.minimum(search.damping, _MOST_DAMPED)
-        after = Binned(products, squares, search.x, damping, sums.samples + 1)
-        taken = taken & (size > 0)
-        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, sums)
+        return Binned(products, squares, search.x, damping, sums.samples + 1)
 
-    def estimate(self, state: OnlineState) -> Estimate:
-        sums = state.recursion
-        fit = Fit(
-            sums.x,
-            covariance_of(state.known, sums),
-            state.objective,
-            _EVALUATIONS * state.samples,
-            sums.samples > sums.x.size,
-            jnp.all(jnp.isfinite(sums.x)),
-            state.skipped,
-        )
+    def found(self, known: Known, sums: Binned) -> Found:
         factor = jnp.asarray(self.factor, float)
-        return to_estimate(state.known, fit, factor, jnp.zeros((), dtype=bool))
+        return Found(sums.x, covariance_of(known, sums), sums.samples > sums.x.size, factor)
 
 
 def edges_of(known: Known) -> Float[Array, " inner"]:

@@ -7,23 +7,18 @@ Source: Qian et al. 2024, Eq. 3 to 6.
 """
 
 import dataclasses
-from abc import abstractmethod
-from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Scalar, free_values
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import Fit, to_estimate
-from adhesion_jax.identifiers.online import OnlineState, Sample, over_fresh_samples
+from adhesion_jax.identifiers.online import OnlineMethod, Sample
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
-from adhesion_jax.optim.arrays import Value, Whether
+from adhesion_jax.optim.arrays import Value
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair_seldom_on_edge
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: The quadratic program in the box has a prior at the start of this share of the information:
 #: enough to determine it from a single sample, too little to matter afterwards.
@@ -96,19 +91,15 @@ def covariance(normal: Normal) -> Float[Array, "2 2"]:
 
 
 def forgetting(
-    known: Known, slip: Value, adhesion: Value, x: Vector, least: Scalar, most: Scalar, gain: Scalar
+    known: Known, sample: Sample, x: Vector, least: Scalar, most: Scalar, gain: Scalar
 ) -> Value:
     """Eta = max(least, most - gain |mu - mu_hat(l; p(k-1))|) (Qian et al. 2024, Eq. 9).
 
     The equation prints the error of the estimate that eta is needed for; it is read as that of
     the estimate before.
     """
-    predicted = _curve_of(known, x)(slip, {})
-    return jnp.maximum(least, most - gain * jnp.abs(adhesion - predicted))
-
-
-def _curve_of(known: Known, x: Vector) -> Kiencke:
-    return dataclasses.replace(cast(Kiencke, known.curve), p1=x.a, p2=x.b)
+    predicted = dataclasses.replace(cast(Kiencke, known.curve), p1=x.a, p2=x.b)(sample.slip, {})
+    return jnp.maximum(least, most - gain * jnp.abs(sample.adhesion - predicted))
 
 
 def discounted(normal: Normal, sample: Regression, eta: Value, weight: Value) -> Normal:
@@ -127,47 +118,8 @@ def with_residual(normal: Normal, sample: Regression, weight: Value, x: Vector) 
     return normal._replace(g=normal.g + residual**2 * square(sample.u))
 
 
-class OnlineKiencke(Identifier):
-    """An online method, whose recursion holds the estimate `x` of p1 and p2."""
-
-    FITS_LAST_RECORD = False
+class OnlineKiencke(OnlineMethod):
+    """An online method of p1 and p2."""
 
     def accepts(self, known: Known) -> str | None:
         return needs_kiencke(known)
-
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        state = over_fresh_samples(partial(self.step, state.known), state, record)
-        return state._replace(objective=_objective(state.known, record, state.recursion.x))
-
-    @abstractmethod
-    def step(self, known: Known, recursion: Any, sample: Sample) -> Any:
-        """The recursion after one more sample, or as it was where this is not taken."""
-
-
-def _objective(known: Known, record: Record, x: Vector) -> Value:
-    """The sum of squared residuals, of the points that are finite."""
-    curve = _curve_of(known, x)
-
-    def add(total: Value, point: tuple[Array, ...]) -> tuple[Value, None]:
-        mask, slip, adhesion = point
-        misfit = curve(slip, {}) - adhesion
-        return total + jnp.where(mask & jnp.isfinite(misfit), misfit, 0.0) ** 2, None
-
-    points = (record.mask, record.slip, record.adhesion)
-    return jax.lax.scan(add, jnp.zeros(()), points)[0]
-
-
-def online_estimate(
-    state: OnlineState,
-    covariance: Float[Array, "2 2"],
-    converged: Whether,
-    forgetting: Value,
-    reset: Whether | None = None,
-) -> Estimate:
-    """The estimate of an online method; should its sums have overflowed, the start."""
-    known, x = state.known, state.recursion.x.array()
-    finite = jnp.all(jnp.isfinite(x))
-    x = jnp.where(finite, x, free_values(known.curve))
-    fit = Fit(x, covariance, state.objective, state.samples, converged, finite, state.skipped)
-    none = jnp.zeros((), dtype=bool)
-    return to_estimate(known, fit, forgetting, none if reset is None else reset)

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.identifiers.base import Flag
-from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums, needs_burckhardt
 from adhesion_jax.identifiers.curve_fit import FitState, OfLastRecord, evaluate, residual
+from adhesion_jax.identifiers.ml_exact import burckhardt_sums, needs_burckhardt
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim.arrays import Value
 from adhesion_jax.optim.variable_projection import sum_of_squares

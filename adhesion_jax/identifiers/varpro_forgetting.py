@@ -1,7 +1,6 @@
 """Least squares that forget, of curves that are linear given one number, for many values of it."""
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,13 +11,11 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from adhesion_jax.curves import NO_CONDITIONS, Curve, Scalar, free_values
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.curves.similar import Similar
-from adhesion_jax.identifiers.base import Estimate, Identifier
-from adhesion_jax.identifiers.curve_fit import Fit, residual, to_estimate
-from adhesion_jax.identifiers.online import OnlineState, Sample, begin, over_fresh_samples
+from adhesion_jax.identifiers.online import Found, Sample, SelectiveMethod
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim.arrays import Count, Value
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair
-from adhesion_jax.records import Known, Record
+from adhesion_jax.records import Known
 
 #: Number of values of d, by equal factors over its range.
 _DEGREES = 48
@@ -64,7 +61,7 @@ class ForgettingSums(NamedTuple):
     samples: Count
 
 
-class ForgettingProjection(Identifier):
+class ForgettingProjection(SelectiveMethod):
     """The least sum w (mu - a phi - b psi - offset)^2 over a, b and 48 values of d (`Columns`).
 
     w = factor^(number of samples since). For each d the best a and b in the box are closed (Golub
@@ -74,7 +71,6 @@ class ForgettingProjection(Identifier):
     of noise without memory at slips that come again and again.
     """
 
-    FITS_LAST_RECORD = False
     RESETS = False
 
     factor: Scalar
@@ -89,50 +85,25 @@ class ForgettingProjection(Identifier):
             "or of a curve of known shape with its level and its stretch unknown"
         )
 
-    def init(self, known: Known, key: PRNGKeyArray) -> OnlineState:
+    def initial(self, known: Known, key: PRNGKeyArray) -> ForgettingSums:
         zero, none = jnp.zeros(()), jnp.zeros((_DEGREES, _ONE + 1, _ONE + 1))
-        return begin(known, ForgettingSums(none, zero, zero, jnp.int32(0)))
+        return ForgettingSums(none, zero, zero, jnp.int32(0))
 
-    def update(self, state: OnlineState, record: Record) -> OnlineState:
-        state = over_fresh_samples(partial(self.step, state.known), state, record)
-        x, _ = self._found(state.known, state.recursion)
-        misfit = residual(state.known, record, x)
-        return state._replace(objective=jnp.sum(jnp.where(jnp.isfinite(misfit), misfit, 0.0) ** 2))
-
-    def step(self, known: Known, sums: ForgettingSums, sample: Sample) -> ForgettingSums:
-        taken, slip, adhesion, _ = sample
-        size, one, d = jnp.abs(slip), jnp.ones(_DEGREES), _grid(known)
+    def after(self, known: Known, sums: ForgettingSums, sample: Sample) -> ForgettingSums:
+        _, size, adhesion, _ = sample
+        one, d = jnp.ones(_DEGREES), _grid(known)
         _, of_d, of_slip = COLUMNS[type(known.curve)]
         phi, slope = jax.jvp(lambda d: of_d(known.curve, d, size), (d,), (one,))
-        psi, y = of_slip(size), jnp.sign(slip) * adhesion
+        psi, y = of_slip(size), jnp.where(size > 0, adhesion, 0.0)
         row = jnp.stack([phi, slope, psi * one, y * one, one], axis=1)
-        after = ForgettingSums(
+        return ForgettingSums(
             self.factor * sums.products + row[:, :, None] * row[:, None, :],
             self.factor * sums.weights + 1,
             jnp.square(self.factor) * sums.squares + 1,
             sums.samples + 1,
         )
-        return jax.tree.map(lambda new, old: jnp.where(taken, new, old), after, sums)
 
-    def estimate(self, state: OnlineState) -> Estimate:
-        x, covariance = self._found(state.known, state.recursion)
-        fit = Fit(
-            x,
-            covariance,
-            state.objective,
-            state.samples,
-            state.recursion.samples > len(x) + self.offset,
-            jnp.all(jnp.isfinite(x)),
-            state.skipped,
-        )
-        return to_estimate(
-            state.known, fit, jnp.asarray(self.factor, float), jnp.zeros((), dtype=bool)
-        )
-
-    def _found(
-        self, known: Known, sums: ForgettingSums
-    ) -> tuple[Float[Array, " free"], Float[Array, "free free"]]:
-        """The free parameters and their covariance."""
+    def found(self, known: Known, sums: ForgettingSums) -> Found:
         count = len(known.curve.free)
         products, columns = sums.products, slice(0, _ONE)
         if self.offset:
@@ -165,9 +136,11 @@ class ForgettingProjection(Identifier):
         worth = sums.squares / jnp.maximum(sums.weights, 1.0)
         freedom = jnp.maximum(sums.weights - (count + self.offset) * worth, worth)
         variance = jnp.maximum(left, 0.0) / jnp.maximum(freedom, 1e-3)
-        return x, jnp.where(known_enough, variance * worth, 0.0) * jnp.where(
+        covariance = jnp.where(known_enough, variance * worth, 0.0) * jnp.where(
             known_enough, inverse, jnp.diag(jnp.square(known.upper - known.lower))
         )
+        enough = sums.samples > count + self.offset
+        return Found(x, covariance, enough, jnp.asarray(self.factor, float))
 
 
 def _grid(known: Known) -> Float[Array, " degrees"]:

@@ -1,7 +1,9 @@
 """An estimate of Kiencke's curve from the latest samples, and the votes that begin it anew."""
 
-from typing import NamedTuple, cast
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -9,7 +11,8 @@ from jaxtyping import Array, Bool, Float
 from adhesion_jax.curves import Scalar
 from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers.innovations import FINEST, MEDIAN, SLOW, huber_weight, votes
-from adhesion_jax.identifiers.kiencke_linear import regression, start_of
+from adhesion_jax.identifiers.kiencke_linear import OnlineKiencke, regression, start_of
+from adhesion_jax.identifiers.online import Sample, SelectiveMethod
 from adhesion_jax.identifiers.pairs import Symmetric, Vector, no_matrix, no_vector, square
 from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair
@@ -55,27 +58,51 @@ class InstrumentSums(NamedTuple):
     squares: Value  # sum (w r)^2, each r scaled to the variance of the noise
 
 
-def no_latest() -> LatestSamples:
-    """Before any sample."""
-    empty = jnp.zeros(LENGTH)
-    return LatestSamples(empty, empty, empty, empty > 0)
+class Young(eqx.Module):
+    """The latest samples, and the estimate that rests on them and on the sums."""
+
+    x: Vector
+    kept: LatestSamples
+    sums: InstrumentSums
+    scale: Value  # standard deviation of the noise
+    samples: Count
+    age: Count  # samples since the reset, the voters of the slow rule counted in
+    reset: Whether  # whether there was one in the last record
 
 
-def no_sums() -> InstrumentSums:
-    """Before any sample."""
-    return InstrumentSums(no_matrix(), no_vector(), *4 * [jnp.zeros(())])
+Y = TypeVar("Y", bound=Young)
 
 
-def is_new(kept: LatestSamples, size: Value, adhesion: Value) -> Whether:
-    """Whether a sample tells anything.
+def at_the_start(known: Known) -> Young:
+    """Before any."""
+    empty, zero, none = jnp.zeros(LENGTH), jnp.zeros(()), jnp.int32(0)
+    return Young(
+        x=start_of(known),
+        kept=LatestSamples(empty, empty, empty, empty > 0),
+        sums=InstrumentSums(no_matrix(), no_vector(), zero, zero, zero, zero),
+        scale=jnp.asarray(FINEST),
+        samples=none,
+        age=none,
+        reset=jnp.zeros((), dtype=bool),
+    )
 
-    At slip 0 adhesion is 0 whatever the curve: a wheel at standstill would make the scale that of
-    the sensor at rest, and every sample after it a vote. A sample that repeats the slip and the
-    adhesion of the one before to the last digit is that of a signal that has stopped: its noise
-    is the same again and does not average out.
-    """
-    repeats = (size == kept.size[0]) & (adhesion == kept.adhesion[0])
-    return (size > 0) & ~repeats
+
+class YoungKiencke(SelectiveMethod, OnlineKiencke):
+    """A method that is young at first and after a reset; its recursion has the samples `kept`."""
+
+    RESETS = True
+
+    def tells(self, recursion: Any, sample: Sample) -> Whether:
+        """Whether a sample tells anything.
+
+        At slip 0 adhesion is 0 whatever the curve: a wheel at standstill would make the scale that
+        of the sensor at rest, and every sample after it a vote. A sample that repeats the slip and
+        the adhesion of the one before to the last digit is that of a signal that has stopped: its
+        noise is the same again and does not average out.
+        """
+        kept: LatestSamples = recursion.kept
+        repeats = (sample.slip == kept.size[0]) & (sample.adhesion == kept.adhesion[0])
+        return (sample.slip > 0) & ~repeats
 
 
 def along(size: Float[Array, "*points"]) -> Vector:
@@ -91,54 +118,39 @@ def curve_at(
     return d, cast(Kiencke, known.curve).a0 * size / d
 
 
-def grown_older(age: Count, reset: Whether) -> Count:
-    """The number of samples that an estimate rests on, up to where it is no longer young."""
-    return jnp.where(reset, SLOW[1], jnp.minimum(age + 1, LENGTH + 1))
-
-
-def voted(
-    before: LatestSamples, samples: Count, size: Value, adhesion: Value, nu: Value
-) -> tuple[LatestSamples, Whether]:
-    """The kept samples with the latest among them, and whether there is a reset.
+def voted(young: Y, sample: Sample, nu: Value) -> tuple[Y, Whether]:
+    """With one more sample, whose innovation is nu deviations, and whether there is a reset.
 
     After a reset only the samples that voted for it are used. The first `LENGTH` samples of a run
     have no vote, because a scale from twenty residuals may be a third of the true one; a switch
     among them is missed if it makes the residuals, and so the scale, large.
     """
-    surprise = jnp.where(samples < LENGTH, 0.0, jnp.abs(nu))
-    latest = (size, adhesion, surprise, jnp.ones((), dtype=bool))
-    kept = LatestSamples(
-        *(jnp.concatenate([new[None], old[:-1]]) for new, old in zip(latest, before, strict=True))
-    )
+    surprise = jnp.where(young.samples < LENGTH, 0.0, jnp.abs(nu))
+    latest = (sample.slip, sample.adhesion, surprise, jnp.ones((), dtype=bool))
+    pairs = zip(latest, young.kept, strict=True)
+    kept = LatestSamples(*(jnp.concatenate([new[None], old[:-1]]) for new, old in pairs))
     voters, reset = votes(kept.surprise)
-    return kept._replace(
+    kept = kept._replace(
         surprise=jnp.where(reset, 0.0, kept.surprise),  # a sample votes for one reset at most
         used=jnp.where(reset, voters, kept.used),
-    ), reset
+    )
+    # Counted up to where the estimate is no longer young.
+    age = jnp.where(reset, SLOW[1], jnp.minimum(young.age + 1, LENGTH + 1))
+    samples = young.samples + 1
+    return replace(young, kept=kept, samples=samples, age=age, reset=young.reset | reset), reset
 
 
-def refitted(
-    known: Known,
-    kept: LatestSamples,
-    x: Vector,
-    sums: InstrumentSums,
-    scale: Value,
-    samples: Count,
-    age: Count,
-    reset: Whether,
-    huber: Scalar,
-    prior: Scalar,
-) -> tuple[Vector, InstrumentSums, Value]:
-    """x, sums and scale after some passes over the samples kept: none where x is old.
+def refitted(known: Known, young: Y, reset: Whether, huber: Scalar, prior: Scalar) -> Y:
+    """With x, sums and scale after some passes over the samples kept: none where x is old.
 
     The scale is taken from them in the first `LENGTH` samples of a run. In a batch the passes are
     as many as the youngest of its runs needs.
     """
-    size, adhesion, _, used = kept
+    size, adhesion, _, used = young.kept
     count = jnp.sum(used, dtype=float)
     anew = reset | (jnp.sum(used) < _FEW)
-    passes = jnp.where(anew, _FROM_NOTHING, jnp.where(age <= LENGTH, _FROM_ESTIMATE, 0))
-    first = samples <= LENGTH
+    passes = jnp.where(anew, _FROM_NOTHING, jnp.where(young.age <= LENGTH, _FROM_ESTIMATE, 0))
+    first = young.samples <= LENGTH
     u, z = regression(known, size, adhesion)
     ray, x0 = along(size), start_of(known)
     precision = Vector(*(prior * (known.upper - known.lower)) ** -2)
@@ -171,7 +183,8 @@ def refitted(
         )
         return solution(known, sums), sums, scale
 
-    return jax.lax.fori_loop(0, passes, one_pass, (x, sums, scale))
+    x, sums, scale = jax.lax.fori_loop(0, passes, one_pass, (young.x, young.sums, young.scale))
+    return replace(young, x=x, sums=sums, scale=scale)
 
 
 def _median(values: Float[Array, " length"], used: Bool[Array, " length"]) -> Value:

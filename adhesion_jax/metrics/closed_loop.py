@@ -1,6 +1,6 @@
 """How well a traction loop uses a rail: figures of each segment of a run, reduced as it goes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import jax
@@ -57,40 +57,22 @@ class Sample(NamedTuple):
     train_speed: Float[Array, ""]  # m/s
 
 
+Numbers = Mapping[str, Float[Array, "..."]]
+
+
 class Segment(NamedTuple):
-    """Sums and extremes over the samples of a segment; squares are means over the axles."""
+    """Numbers over the samples of a segment, by name; squares are means over the axles."""
 
-    samples: Float[Array, "..."]
-    utilised: Float[Array, "..."]
-    pulled: Float[Array, "..."]
-    largest_pulled: Float[Array, "..."]
-    slip_energy: Float[Array, "..."]
-    useful_work: Float[Array, "..."]
-    torque_variation: Float[Array, "..."]
-    jerk_squares: Float[Array, "..."]
-    tracking_squares: Float[Array, "..."]
-    estimation_squares: Float[Array, "..."]
-    adhesion_squares: Float[Array, "..."]
-    asked_samples: Float[Array, "..."]
-    settled_asked_samples: Float[Array, "..."]
-    settled_samples: Float[Array, "..."]
-    settled_slip: Float[Array, "..."]
-    settled_utilised: Float[Array, "..."]
-    settled_tracking_squares: Float[Array, "..."]
-    settled_estimation_squares: Float[Array, "..."]
-    runaway_samples: Float[Array, "..."]
-    overshoot: Float[Array, "..."]  # the largest
-    torque_largest: Float[Array, "..."]
-    shaft_largest: Float[Array, "..."]
-    static_shaft_largest: Float[Array, "..."]
-    fastest: Float[Array, "..."]  # speed of the train, m/s
-    slowest: Float[Array, "..."]
-    reached: Float[Array, "..."]  # s; infinite: not yet
+    sums: Numbers
+    settled: Numbers  # sums over the samples from `SETTLED` on
+    largest: Numbers
+    least: Numbers
 
 
-#: Fields of a segment of which the largest or the least is kept, instead of the sum.
-_LARGEST = ("overshoot", "torque_largest", "shaft_largest", "static_shaft_largest", "fastest")
-_LEAST = ("slowest", "reached")
+#: How the numbers of each part are joined, all of them along an axis, and what changes none.
+_JOINED: tuple[Callable[..., Array], ...] = (jnp.add, jnp.add, jnp.maximum, jnp.minimum)
+_OF_ALL: tuple[Callable[..., Array], ...] = (jnp.sum, jnp.sum, jnp.max, jnp.min)
+_NEUTRAL = (0.0, 0.0, -jnp.inf, jnp.inf)
 
 
 class Totals(NamedTuple):
@@ -110,26 +92,17 @@ class Totals(NamedTuple):
 
 def start(first: Sample, segments: int, period: float) -> Totals:
     """The totals before the first sample; `period` is the time between samples in s."""
-    nothing = {name: jnp.asarray(_neutral(name)) for name in Segment._fields}
+    zero = jnp.zeros(())
+    found = zip(_NEUTRAL, _numbers(first, period, zero, zero, zero), strict=True)
+    nothing = Segment(*({name: jnp.asarray(none) for name in part} for none, part in found))
     return Totals(
-        segments=(Segment(**nothing),) * segments,
+        segments=(nothing,) * segments,
         age=jnp.zeros((), dtype=int),
         last=first,
         acceleration=jnp.zeros(()),
         near=(jnp.zeros((), dtype=jnp.uint64),) * -(-_stretch(period) // _BITS),
         near_count=jnp.zeros((), dtype=int),
     )
-
-
-def _neutral(name: str) -> float:
-    """The value of a field that leaves every other value unchanged when they are joined."""
-    return -jnp.inf if name in _LARGEST else jnp.inf if name in _LEAST else 0.0
-
-
-def _joined(name: str, one: Array, other: Array) -> Array:
-    if name in _LARGEST:
-        return jnp.maximum(one, other)
-    return jnp.minimum(one, other) if name in _LEAST else one + other
 
 
 def _stretch(period: float) -> int:
@@ -160,63 +133,28 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
     last = totals.last
     same = (sample.segment == last.segment) & (number > 0)
     age = jnp.where(same, totals.age + 1, 0)
-    settled = age * period >= SETTLED
-
-    utilised = jnp.mean(sample.direction * sample.adhesion / sample.largest)
-    tracking = jnp.mean((sample.slip - sample.optimum) ** 2)
-    asks = jnp.all(jnp.isfinite(sample.asked))
-    estimation = jnp.where(asks, jnp.mean((sample.asked - sample.slip) ** 2), 0.0)
     acceleration = jnp.where(number > 0, (sample.train_speed - last.train_speed) / period, 0.0)
     jerk = jnp.where(number > 1, (acceleration - totals.acceleration) / period, 0.0)
     moved = jnp.where(number > 0, jnp.mean(jnp.abs(sample.torque - last.torque)), 0.0)
-    ran_away = jnp.any(jnp.abs(sample.slip) > RUNAWAY * jnp.abs(sample.optimum))
 
     stretch = _stretch(period)
-    is_near = utilised >= SHARE_OF_PEAK
+    is_near = _utilised(sample) >= SHARE_OF_PEAK
     near, oldest = _shifted(totals.near, is_near, stretch)
     leaves = (age >= stretch) & oldest
     count = jnp.where(same, totals.near_count, 0) + is_near - leaves
     held = (count >= SHARE_OF_SAMPLES * stretch) & (age + 1 >= stretch)
 
-    def if_settled(what: Array) -> Array:
-        return jnp.where(settled, what, 0.0)
-
-    one = jnp.ones(())
-    found = Segment(
-        samples=one,
-        utilised=utilised,
-        pulled=sample.direction * sample.pull,
-        largest_pulled=sample.largest_pull,
-        slip_energy=period * sample.slip_power,
-        useful_work=period * sample.pull * sample.train_speed,
-        torque_variation=moved,
-        jerk_squares=jerk**2,
-        tracking_squares=tracking,
-        estimation_squares=estimation,
-        adhesion_squares=jnp.mean((sample.observed - sample.adhesion) ** 2),
-        asked_samples=one * asks,
-        settled_asked_samples=if_settled(one * asks),
-        settled_samples=if_settled(one),
-        settled_slip=if_settled(jnp.mean(sample.slip)),
-        settled_utilised=if_settled(utilised),
-        settled_tracking_squares=if_settled(tracking),
-        settled_estimation_squares=if_settled(estimation),
-        runaway_samples=if_settled(one * ran_away),
-        overshoot=jnp.max(sample.direction * (sample.slip - sample.optimum)),
-        torque_largest=jnp.max(jnp.abs(sample.torque)),
-        shaft_largest=jnp.max(jnp.abs(sample.shaft)),
-        static_shaft_largest=jnp.max(jnp.abs(sample.static_shaft)),
-        fastest=sample.train_speed,
-        slowest=sample.train_speed,
-        reached=jnp.where(held, (age + 1 - stretch) * period, jnp.inf),
-    )
+    reached = jnp.where(held, (age + 1 - stretch) * period, jnp.inf)
+    found = _numbers(sample, period, moved, jerk, reached)
 
     def after(segment: Segment, index: int) -> Segment:
         here = (sample.segment == index) & sample.counts
+        counts = here, here & (age * period >= SETTLED), here, here
+        parts = zip(_JOINED, _NEUTRAL, counts, segment, found, strict=True)
         return Segment(
             *(
-                _joined(name, had, jnp.where(here, new, _neutral(name)))
-                for name, had, new in zip(Segment._fields, segment, found, strict=True)
+                {name: join(had[name], jnp.where(which, new[name], none)) for name in new}
+                for join, none, which, had, new in parts
             )
         )
 
@@ -227,6 +165,50 @@ def add(totals: Totals, sample: Sample, number: Int[Array, ""], period: float) -
         acceleration=acceleration,
         near=near,
         near_count=count,
+    )
+
+
+def _utilised(sample: Sample) -> Float[Array, ""]:
+    return jnp.mean(sample.direction * sample.adhesion / sample.largest)
+
+
+def _numbers(
+    sample: Sample,
+    period: float,
+    moved: Float[Array, ""],
+    jerk: Float[Array, ""],
+    reached: Float[Array, ""],
+) -> Segment:
+    """What a sample alone makes of a segment, with what it is told of those before it."""
+    asks = jnp.all(jnp.isfinite(sample.asked))
+    ran_away = jnp.any(jnp.abs(sample.slip) > RUNAWAY * jnp.abs(sample.optimum))
+    both = {
+        "samples": jnp.ones(()),
+        "utilised": _utilised(sample),
+        "tracking_squares": jnp.mean((sample.slip - sample.optimum) ** 2),
+        "estimation_squares": jnp.where(asks, jnp.mean((sample.asked - sample.slip) ** 2), 0.0),
+        "asked_samples": 1.0 * asks,
+    }
+    return Segment(
+        sums={
+            **both,
+            "pulled": sample.direction * sample.pull,
+            "largest_pulled": sample.largest_pull,
+            "slip_energy": period * sample.slip_power,
+            "useful_work": period * sample.pull * sample.train_speed,
+            "torque_variation": moved,
+            "jerk_squares": jerk**2,
+            "adhesion_squares": jnp.mean((sample.observed - sample.adhesion) ** 2),
+        },
+        settled={**both, "slip": jnp.mean(sample.slip), "runaway_samples": 1.0 * ran_away},
+        largest={
+            "overshoot": jnp.max(sample.direction * (sample.slip - sample.optimum)),
+            "torque": jnp.max(jnp.abs(sample.torque)),
+            "shaft": jnp.max(jnp.abs(sample.shaft)),
+            "static_shaft": jnp.max(jnp.abs(sample.static_shaft)),
+            "speed": sample.train_speed,
+        },
+        least={"speed": sample.train_speed, "reached": reached},
     )
 
 
@@ -277,56 +259,53 @@ def by_segment(totals: Totals) -> Segment:
 def whole(totals: Totals) -> Segment:
     """The whole run as one segment, arrays [1]; its t95 is that of its first segment."""
     segments = by_segment(totals)
-    reached = segments.reached[:1]
-    joined = segments._replace(
-        **{
-            name: (jnp.max if name in _LARGEST else jnp.min if name in _LEAST else jnp.sum)(
-                values, keepdims=True
-            )
-            for name, values in segments._asdict().items()
-        }
+    joined = Segment(
+        *(
+            {name: of_all(values, keepdims=True) for name, values in numbers.items()}
+            for of_all, numbers in zip(_OF_ALL, segments, strict=True)
+        )
     )
-    return joined._replace(reached=reached)
+    return joined._replace(least={**joined.least, "reached": segments.least["reached"][:1]})
 
 
 def figures(of: Segment, period: float) -> dict[str, Float[Array, " segments"]]:
     """The figures of FIGURES from arrays [segments]; NaN where a segment has no sample."""
+    sums, settled, largest, least = of
+    samples = sums["samples"]
 
     def mean(total: Array, count: Array) -> Array:
         return total / jnp.where(count > 0, count, jnp.nan)
 
-    def root(squares: Array, count: Array) -> Array:
-        return jnp.sqrt(mean(squares, count))
+    def rms(of: Numbers, name: str, count: str = "samples") -> Array:
+        return jnp.sqrt(mean(of[f"{name}_squares"], of[count]))
 
     def where_seen(what: Array) -> Array:
-        return jnp.where(of.samples > 0, what, jnp.nan)
+        return jnp.where(samples > 0, what, jnp.nan)
 
-    never = jnp.isinf(of.reached)
+    never = jnp.isinf(least["reached"])
+    work, lost = sums["useful_work"], sums["slip_energy"]
     return {
-        "utilisation": mean(of.utilised, of.samples),
-        "pull": mean(of.pulled, 1e3 * of.samples),
-        "pull_share": mean(of.pulled, of.largest_pulled),
-        "overshoot": where_seen(of.overshoot),
-        "t95": jnp.where(never, jnp.nan, of.reached),
+        "utilisation": mean(sums["utilised"], samples),
+        "pull": mean(sums["pulled"], 1e3 * samples),
+        "pull_share": mean(sums["pulled"], sums["largest_pulled"]),
+        "overshoot": where_seen(largest["overshoot"]),
+        "t95": jnp.where(never, jnp.nan, least["reached"]),
         "never95": where_seen(never),
-        "slip_energy": where_seen(of.slip_energy),
-        "slip_energy_share": mean(of.slip_energy, jnp.abs(of.useful_work)),
-        **{
-            f"utility_{price}": where_seen(of.useful_work - price * of.slip_energy)
-            for price in PRICES
-        },
-        "torque_variation": mean(of.torque_variation, 1e3 * period * of.samples),
-        "torque_largest": where_seen(of.torque_largest / 1e3),
-        "axle_torque_over_static": where_seen(of.shaft_largest / of.static_shaft_largest),
-        "jerk_rms": root(of.jerk_squares, of.samples),
-        "tracking_rms": root(of.tracking_squares, of.samples),
-        "tracking_rms_settled": root(of.settled_tracking_squares, of.settled_samples),
-        "estimation_rms": root(of.estimation_squares, of.asked_samples),
-        "estimation_rms_settled": root(of.settled_estimation_squares, of.settled_asked_samples),
-        "adhesion_rms": root(of.adhesion_squares, of.samples),
-        "slip_settled": mean(of.settled_slip, of.settled_samples),
-        "utilisation_settled": mean(of.settled_utilised, of.settled_samples),
-        "ran_away": where_seen(of.runaway_samples > 0),
-        "rolled_back": where_seen(of.slowest < -STANDSTILL),
-        "stood": where_seen(jnp.maximum(of.fastest, -of.slowest) < STANDSTILL),
+        "slip_energy": where_seen(lost),
+        "slip_energy_share": mean(lost, jnp.abs(work)),
+        **{f"utility_{price}": where_seen(work - price * lost) for price in PRICES},
+        "torque_variation": mean(sums["torque_variation"], 1e3 * period * samples),
+        "torque_largest": where_seen(largest["torque"] / 1e3),
+        "axle_torque_over_static": where_seen(largest["shaft"] / largest["static_shaft"]),
+        "jerk_rms": rms(sums, "jerk"),
+        "tracking_rms": rms(sums, "tracking"),
+        "tracking_rms_settled": rms(settled, "tracking"),
+        "estimation_rms": rms(sums, "estimation", "asked_samples"),
+        "estimation_rms_settled": rms(settled, "estimation", "asked_samples"),
+        "adhesion_rms": rms(sums, "adhesion"),
+        "slip_settled": mean(settled["slip"], settled["samples"]),
+        "utilisation_settled": mean(settled["utilised"], settled["samples"]),
+        "ran_away": where_seen(settled["runaway_samples"] > 0),
+        "rolled_back": where_seen(least["speed"] < -STANDSTILL),
+        "stood": where_seen(jnp.maximum(largest["speed"], -least["speed"]) < STANDSTILL),
     }

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.curves import Scalar
-from adhesion_jax.identifiers.burckhardt_sums import burckhardt_sums
 from adhesion_jax.identifiers.curve_fit import residual
 from adhesion_jax.identifiers.ml_de import (
     CROSSOVER,
@@ -21,6 +20,7 @@ from adhesion_jax.identifiers.ml_de import (
     ml_de_eq16,
     ml_de_eq17,
 )
+from adhesion_jax.identifiers.ml_exact import burckhardt_sums
 from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record

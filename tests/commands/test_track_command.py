@@ -105,7 +105,7 @@ def test_a_log_that_never_slips_is_refused_and_nothing_is_written(tmp_path):
 
 def test_a_method_of_ones_own(tmp_path):
     (tmp_path / "gentle.py").write_text(
-        "from adhesion_jax.identifiers.rls_kiencke import RecursiveLeastSquares\n"
+        "from adhesion_jax.identifiers.ls_kiencke import RecursiveLeastSquares\n"
         "gentle = RecursiveLeastSquares(0.999, 0.999, 0.0)\n"
     )
     # In a process of its own, for the method stays in the registry.

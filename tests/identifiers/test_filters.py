@@ -12,11 +12,10 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.curves import with_free_values
 from adhesion_jax.identifiers import IDENTIFIERS
-from adhesion_jax.identifiers.ekf import ExtendedKalmanFilter
 from adhesion_jax.identifiers.filters import coordinates_of
 from adhesion_jax.identifiers.imm_rails import InteractingModels, named_rails
+from adhesion_jax.identifiers.kalman import ExtendedKalmanFilter, UnscentedKalmanFilter
 from adhesion_jax.identifiers.particle import ParticleFilter
-from adhesion_jax.identifiers.ukf import UnscentedKalmanFilter
 from adhesion_jax.optim.kalman import Gaussian, lower_root
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options, build

@@ -11,8 +11,12 @@ from scipy.optimize import least_squares
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
-from adhesion_jax.identifiers.burckhardt_sums import burckhardt_information, burckhardt_sums
-from adhesion_jax.identifiers.ml_pooled import chance, penalty
+from adhesion_jax.identifiers.ml_exact import (
+    burckhardt_information,
+    burckhardt_sums,
+    chance,
+    penalty,
+)
 from adhesion_jax.optim.variable_projection import minimise
 from adhesion_jax.records import SHARED_SLIP, Known, Record
 from adhesion_jax.scenarios import Options, build

@@ -13,7 +13,7 @@ from adhesion_jax.campaign.config import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.identifiers.innovations import MEDIAN, STEP
-from adhesion_jax.identifiers.qp_bias_compensated import BiasCompensatedProgram
+from adhesion_jax.identifiers.qp_qian2024 import BiasCompensatedProgram
 from adhesion_jax.identifiers.young import _median
 from adhesion_jax.scenarios import Options, build
 from adhesion_jax.scenarios.rails import QIAN2024

@@ -10,16 +10,16 @@ import pytest
 from lanes import lanes
 from truth import nist
 
-from adhesion_jax.optim import jaxopt_solvers, levenberg_marquardt, optimistix_solvers
+from adhesion_jax.optim import levenberg_marquardt, libraries
 from adhesion_jax.optim.box import Unbounded, on_bound
-from adhesion_jax.optim.least_squares import finish
+from adhesion_jax.optim.libraries import finish
 
 SOLVERS = {
     "lm": levenberg_marquardt.fit,
-    "lm-jaxopt": jaxopt_solvers.levenberg_marquardt,
-    "gn-jaxopt": jaxopt_solvers.gauss_newton,
-    "lm-optimistix": optimistix_solvers.levenberg_marquardt,
-    "gn-optimistix": optimistix_solvers.gauss_newton,
+    "lm-jaxopt": libraries.jaxopt_levenberg_marquardt,
+    "gn-jaxopt": libraries.jaxopt_gauss_newton,
+    "lm-optimistix": libraries.optimistix_levenberg_marquardt,
+    "gn-optimistix": libraries.optimistix_gauss_newton,
 }
 STEPS = {"lm": 2000, "gn": 200}
 

@@ -241,7 +241,7 @@ def test_uyulan_tracks_as_printed():
     error = float(figures(whole(totals), 1e-3)["tracking_rms"][0])
     assert error == pytest.approx(0.1874, rel=0.01)
     # At 20 s nothing saturates.
-    assert float(totals.segments[2].torque_largest) < 1.9e3
+    assert float(totals.segments[2].largest["torque"]) < 1.9e3
 
 
 def test_hxd1f_seeks_as_its_paper_says():
@@ -293,7 +293,7 @@ def test_runs_are_the_same_alone_and_together():
     for one, other in zip(together, alone, strict=True):
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             np.testing.assert_allclose(np.asarray(a)[3], b, rtol=1e-6, atol=1e-9)
-    assert len(set(np.asarray(together.segments[0].utilised))) == 5
+    assert len(set(np.asarray(together.segments[0].sums["utilised"]))) == 5
 
 
 def test_settings_may_differ_without_a_new_compilation():
@@ -412,12 +412,12 @@ def test_all_that_accept_each_other_run(observer, seeker, controller, name):
     keys = jax.random.split(KEY, 2)
     totals = _many(loop, grid, keys)
     found = by_segment(totals)
-    seen = found.samples > 0
-    assert float(found.samples.sum()) == 2 * grid.samples
-    for name, values in found._asdict().items():
+    seen = found.sums["samples"] > 0
+    assert float(found.sums["samples"].sum()) == 2 * grid.samples
+    for name, values in (pair for part in found for pair in part.items()):
         finite = jnp.isfinite(values) | (name == "reached")
         assert bool(jnp.all(finite | ~seen)), name
-    assert float(found.torque_largest.max()) <= float(loop.plant.torque_limit) * (1 + 1e-12)
+    assert float(found.largest["torque"].max()) <= float(loop.plant.torque_limit) * (1 + 1e-12)
     # The programs differ in the last digits, which sliding modes and chattering amplify.
     alone = figures(by_segment(_run(loop, grid, keys[1])), grid.sample_period)
     among = figures(jax.tree.map(lambda x: x[:, 1], found), grid.sample_period)

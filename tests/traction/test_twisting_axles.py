@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from energy import energy, powers
 from scipy.optimize import brentq
 
 from adhesion_jax.errors import InputError
@@ -97,9 +98,9 @@ def spent(plant, state, surface, command, step, count):
     state = state._replace(torque=held_by(plant, state.torque, command))
 
     def derivative(both):
-        return plant.derivative(both[0], inputs), plant.powers(both[0], inputs)
+        return plant.derivative(both[0], inputs), powers(plant, both[0], inputs)
 
-    none = jax.tree.map(jnp.zeros_like, plant.powers(state, inputs))
+    none = jax.tree.map(jnp.zeros_like, powers(plant, state, inputs))
     return jax.lax.fori_loop(0, count, lambda _, both: rk4(derivative, both, step), (state, none))
 
 
@@ -108,9 +109,9 @@ def test_energy_is_kept_with_twist_and_play(backlash):
     plant = twisting(backlash=backlash)
     state, within = at_slip(plant, 0.22, torque=0.0), []
     for torque in (11000.0, -9000.0, 500.0, -500.0, 500.0):
-        before = float(plant.energy(state))
+        before = float(energy(plant, state))
         state, lost = spent(plant, state, DRY, jnp.full(1, torque), 5e-5, 4000)
-        gained = float(plant.energy(state)) - before
+        gained = float(energy(plant, state)) - before
         size = max(abs(float(one)) for one in lost)
         assert gained == pytest.approx(float(lost.motor - sum(lost[1:])), abs=1e-6 * size)
         assert float(lost.shaft) > 0

@@ -36,17 +36,6 @@ class Held(NamedTuple):
     slope: Number  # of the track, as an angle in rad; positive uphill
 
 
-class Powers(NamedTuple):
-    """Powers of the whole train in W: what the motors put in, and where it goes."""
-
-    motor: Number
-    slip: Number
-    gear: Number
-    shaft: Number  # dissipated by the damping of an elastic axle
-    resistance: Number
-    slope: Number
-
-
 def parameter(unit: str, lower: float, upper: float, meaning: str) -> Any:
     """The declaration of a parameter of a plant."""
     return eqx.field(metadata={"quantity": Quantity(unit, lower, upper, meaning)})
@@ -86,14 +75,6 @@ class Plant(eqx.Module):
     @abstractmethod
     def force(self, state: Any, held: Held) -> Float[Array, "*contacts"]:
         """Force at the rail in N, for each contact of one axle of those that are alike."""
-
-    @abstractmethod
-    def energy(self, state: Any) -> Number:
-        """Kinetic and elastic energy of the whole train in J."""
-
-    @abstractmethod
-    def powers(self, state: Any, held: Held) -> Powers:
-        """Powers in W: the energy changes by that of the motors less all the others."""
 
     @property
     @abstractmethod

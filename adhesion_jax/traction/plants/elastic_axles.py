@@ -9,7 +9,6 @@ from adhesion_jax.traction.plants.base import (
     GRAVITY,
     Held,
     Plant,
-    Powers,
     against_motion,
     lagging,
     parameter,
@@ -91,25 +90,6 @@ class ElasticAxles(Plant):
     def adhesion(self, state: ElasticState, held: Held) -> PerAxle:
         right, left = held.surface.of_sides(*self._slips(state), state.train_speed)
         return (right + left) / 2
-
-    def energy(self, state: ElasticState) -> Number:
-        turning = self._beside_gear * state.right**2 + self.wheel_inertia * state.left**2
-        twisted = self.shaft_stiffness * state.twist**2
-        moving = 0.5 * self.dynamic_mass * state.train_speed**2
-        return 0.5 * self.axles_alike * jnp.sum(turning + twisted) + moving
-
-    def powers(self, state: ElasticState, held: Held) -> Powers:
-        forces = self.force(state, held)
-        motor = state.torque * self.motor_speed(state)
-        damped = self.shaft_damping * jnp.sum((state.right - state.left) ** 2)
-        return Powers(
-            motor=self.axles_alike * jnp.sum(motor),
-            slip=self.axles_alike * jnp.sum(forces * self.slip_velocity(state)),
-            gear=self.axles_alike * jnp.sum((1 - self._efficiency(state)) * motor),
-            shaft=self.axles_alike * damped,
-            resistance=self._resistance(state.train_speed) * state.train_speed,
-            slope=self.static_mass * GRAVITY * jnp.sin(held.slope) * state.train_speed,
-        )
 
     def shaft_torque(self, state: ElasticState) -> PerAxle:
         elastic = self.shaft_stiffness * state.twist

@@ -9,7 +9,6 @@ from adhesion_jax.traction.plants.base import (
     GRAVITY,
     Held,
     Plant,
-    Powers,
     against_motion,
     lagging,
     parameter,
@@ -23,14 +22,6 @@ class RigidState(NamedTuple):
     motor_speed: PerAxle
     train_speed: Number
     torque: PerAxle
-
-
-class Motion(NamedTuple):
-    """What motors and gears do."""
-
-    angular: PerAxle  # acceleration of the motor, rad/s^2
-    wheel_torque: PerAxle  # that the gear hands to the wheelset, N m
-    gear_torque: PerAxle  # that the motor hands to the gear, N m
 
 
 class RigidAxles(Plant):
@@ -67,7 +58,9 @@ class RigidAxles(Plant):
     def derivative(self, state: Any, held: Held) -> Any:
         force = self.force(state, held)
         return RigidState(
-            self.motion(state, force).angular,
+            self.turned(
+                state.torque, state.motor_speed, self.wheel_radius * force, self.wheelset_inertia
+            ),
             self.forward(jnp.sum(force), state.train_speed, held.slope),
             lagging(self, state.torque, held.command),
         )
@@ -81,24 +74,6 @@ class RigidAxles(Plant):
     def force(self, state: Any, held: Held) -> Float[Array, "*contacts"]:
         adhesion = held.surface(self.slip_velocity(state), state.train_speed)
         return self.pressed(adhesion, adhesion)
-
-    def energy(self, state: Any) -> Number:
-        inertia = self.motor_inertia + self.wheelset_inertia / self.gear_ratio**2
-        turning = 0.5 * inertia * jnp.sum(state.motor_speed**2)
-        return self.axles_alike * turning + 0.5 * self.train_mass * state.train_speed**2
-
-    def powers(self, state: Any, held: Held) -> Powers:
-        force = self.force(state, held)
-        motion = self.motion(state, force)
-        into = motion.gear_torque - motion.wheel_torque / self.gear_ratio
-        return Powers(
-            motor=self.axles_alike * jnp.sum(state.torque * state.motor_speed),
-            slip=self.axles_alike * jnp.sum(force * self.slip_velocity(state)),
-            gear=self.axles_alike * jnp.sum(into * state.motor_speed),
-            shaft=jnp.zeros(()),
-            resistance=self._resistance(state.train_speed) * state.train_speed,
-            slope=self.train_mass * GRAVITY * jnp.sin(held.slope) * state.train_speed,
-        )
 
     @property
     def inertia(self) -> PerAxle:
@@ -137,15 +112,10 @@ class RigidAxles(Plant):
         of_unit = of_unit / (1 + jnp.sum(together * mean * self.load_transfer, axis=1))
         return at_rest - adhesion * self.load_transfer * of_unit
 
-    def motion(self, state: Any, force: Float[Array, "*contacts"]) -> Motion:
-        """That under forces at the rail in N."""
-        load = self.wheel_radius * force
-        return self.turned(state.torque, state.motor_speed, load, self.wheelset_inertia)
-
     def turned(
         self, torque: PerAxle, motor_speed: PerAxle, load: PerAxle, inertia: Number
-    ) -> Motion:
-        """That of motors that turn an inertia in kg m^2 against a load in N m at the wheel."""
+    ) -> PerAxle:
+        """The acceleration in rad/s^2 of motors that turn this inertia against a load behind it."""
         inertia = inertia / self.gear_ratio
         handed = (inertia / self.motor_inertia * torque + load) * motor_speed
         # Divisions are of parameters alone: those of arrays [runs, axles] would cost as much as
@@ -158,9 +128,7 @@ class RigidAxles(Plant):
             1 / (self.motor_inertia + inertia * driving),
             1 / (self.motor_inertia + inertia * driven),
         )
-        angular = (torque - load * through) * turned
-        wheel_torque = inertia * angular + load
-        return Motion(angular, wheel_torque, wheel_torque * through)
+        return (torque - load * through) * turned
 
     def forward(self, force: Number, train_speed: Number, slope: Number) -> Number:
         """Acceleration in m/s^2 of the train under the force in N of all axles that are given."""

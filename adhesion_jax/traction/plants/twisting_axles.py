@@ -5,8 +5,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from adhesion_jax.traction.plants.base import Held, Powers, lagging, parameter
-from adhesion_jax.traction.plants.rigid_axles import Motion, RigidAxles
+from adhesion_jax.traction.plants.base import Held, lagging, parameter
+from adhesion_jax.traction.plants.rigid_axles import RigidAxles
 from adhesion_jax.traction.signals import Number, PerAxle
 
 
@@ -43,12 +43,14 @@ class TwistingAxles(RigidAxles):
 
     def derivative(self, state: TwistState, held: Held) -> TwistState:
         near, far = self._forces(state, held)
-        motion = self._near_motion(state, near)
-        far_angular = (self.shaft_torque(state) - self.wheel_radius * far) / self._far_inertia
+        shaft = self.shaft_torque(state)
+        load, inertia = self.wheel_radius * near + shaft, self.wheelset_inertia - self._far_inertia
+        angular = self.turned(state.torque, state.motor_speed, load, inertia)
+        far_angular = (shaft - self.wheel_radius * far) / self._far_inertia
         return TwistState(
-            motion.angular,
+            angular,
             state.twist_rate,
-            motion.angular / self.gear_ratio - far_angular,
+            angular / self.gear_ratio - far_angular,
             self.forward(jnp.sum(near + far), state.train_speed, held.slope),
             lagging(self, state.torque, held.command),
         )
@@ -59,23 +61,9 @@ class TwistingAxles(RigidAxles):
     def force(self, state: TwistState, held: Held) -> Float[Array, "sides axles"]:
         return jnp.stack(self._forces(state, held))
 
-    def energy(self, state: TwistState) -> Number:
-        # That of all as if it turned with the motor, and what the far wheel has more.
-        near = state.motor_speed / self.gear_ratio
-        more = self._far_inertia * ((near - state.twist_rate) ** 2 - near**2)
-        elastic = self._stiffness * self._sprung(state) ** 2
-        return super().energy(state) + 0.5 * self.axles_alike * jnp.sum(more + elastic)
-
-    def powers(self, state: TwistState, held: Held) -> Powers:
-        damped = self._damping * jnp.sum(state.twist_rate**2)
-        return super().powers(state, held)._replace(shaft=self.axles_alike * damped)
-
     def adhesion(self, state: TwistState, held: Held) -> PerAxle:
         near, far = held.surface.of_sides(*self._slips(state), state.train_speed)
         return (near + far) / 2
-
-    def motion(self, state: TwistState, force: Float[Array, "sides axles"]) -> Motion:
-        return self._near_motion(state, force[0])
 
     def shaft_torque(self, state: TwistState) -> PerAxle:
         return self._stiffness * self._sprung(state) + self._damping * state.twist_rate
@@ -83,12 +71,6 @@ class TwistingAxles(RigidAxles):
     def static_shaft_torque(self, slip: PerAxle, train_speed: Number, held: Held) -> PerAxle:
         near, far = held.surface.of_sides(slip, slip, train_speed)
         return self.wheel_radius * self.pressed(far, (near + far) / 2) / 2
-
-    def _near_motion(self, state: TwistState, force: PerAxle) -> Motion:
-        """That of the motors under the shaft and the forces of the near wheels in N."""
-        load = self.wheel_radius * force + self.shaft_torque(state)
-        near = self.wheelset_inertia - self._far_inertia
-        return self.turned(state.torque, state.motor_speed, load, near)
 
     @property
     def _far_inertia(self) -> Number:
