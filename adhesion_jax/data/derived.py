@@ -1,17 +1,16 @@
 """What follows from measured columns: adhesion, load, slip, radius of the wheel."""
 
 from collections.abc import Mapping, Set
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, UNDECIDED
-from adhesion_jax.data.forces import NOTHING, TORQUE, Corrections, force_of_torque, without_inertia
+from adhesion_jax.data.forces import TORQUE, Corrections, force_of_torque, without_inertia
 from adhesion_jax.data.naming import QUANTITIES, plain
 from adhesion_jax.data.plausible import radius_warnings, wrong_unit
-from adhesion_jax.data.stretches import of_rows, series_of, stretches
+from adhesion_jax.data.rows import Rows
+from adhesion_jax.data.stretches import stretches
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, percent
 
@@ -23,69 +22,56 @@ _SIGNALS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def without_delays(
-    columns: dict[str, np.ndarray],
-    labels: Mapping[str, pd.Categorical],
-    delays: Mapping[str, float],
-) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Moves signals to their time, in place; the rows that still have a value, and sentences.
+def without_delays(rows: Rows, delays: Mapping[str, float]) -> None:
+    """Moves signals to their time, and keeps the rows that still have a value.
 
         corrected(t) = recorded(t + delay)
 
     by linear interpolation between the rows of one run and axle without a gap. The last rows of
-    such a stretch have no value, or the first where the delay is negative. `columns` are [rows], by
-    quantity; `delays` are in s by quantity or word, such as force. InputError without a time, and
-    where no column is what is said to be late.
+    such a stretch have no value, or the first where the delay is negative. `delays` are in s by
+    quantity or word, such as force. InputError without a time, and where no column is what is said
+    to be late.
     """
     if not delays:
-        return np.ones(next(iter(columns.values())).size, bool), ()
+        return
+    columns = rows.numbers
     time = columns.get("time_s")
     if time is None:
         raise InputError(
             f"the delay of {listed([*delays])} cannot be taken out, because there is no time "
             '(name its column, as by --column "time=COLUMN [s]")'
         )
-    late = {
-        name: (word, seconds)
-        for word, seconds in delays.items()
-        for name in _columns_of(word, columns)
-    }
-    notes = _computed_anew(columns, {*late})
+    late = {name: by for word, by in delays.items() for name in _columns_of(word, columns)}
+    _compute_anew(rows, {*late})
     used = np.ones(time.size, bool)
-    series = series_of(labels, time.size)
-    for rows in stretches(time, series):
-        there = time[rows]
-        for name, (_, seconds) in late.items():
+    for part in stretches(time, rows.series):
+        there = time[part]
+        for name, seconds in late.items():
             at = there + seconds
-            columns[name][rows] = np.interp(at, there, columns[name][rows])
-            used[rows] &= (at >= there[0]) & (at <= there[-1])
-    said = [
-        f"{COLUMNS[name].plain.replace('_', ' ')} is moved by {abs(seconds):g} s to "
-        f"{'earlier' if seconds >= 0 else 'later'} times"
-        for name, (_, seconds) in late.items()
-    ]
-    notes += [f"As it was said to be late, the {one}." for one in said]
-    if not used.all():
-        notes.append(f"{of_rows(~used)} a signal that was moved has no value.")
-    return used, tuple(notes)
+            columns[name][part] = np.interp(at, there, columns[name][part])
+            used[part] &= (at >= there[0]) & (at <= there[-1])
+    for name, seconds in late.items():
+        moved = f"{COLUMNS[name].plain.replace('_', ' ')} is moved by {abs(seconds):g} s"
+        to = "earlier" if seconds >= 0 else "later"
+        rows.notes.append(f"As it was said to be late, the {moved} to {to} times.")
+    rows.leave(~used, "a signal that was moved has no value")
 
 
-def _computed_anew(columns: dict[str, np.ndarray], late: set[str]) -> list[str]:
-    """Takes out slip and adhesion where their sources are late, to be computed; sentences on it.
+def _compute_anew(rows: Rows, late: set[str]) -> None:
+    """Takes out slip and adhesion where their sources are late, to be computed.
 
     InputError where the slip or the adhesion stands in a column of its own, and cannot be computed
     anew: moving a source of it would change nothing.
     """
     speeds = ("vehicle_speed_mps", *_SIGNALS["wheel speed"])
-    notes = []
     for results, sources, what in (
         (("slip_ratio", "slip_velocity_mps"), speeds, "slip"),
         (("adhesion",), (*_SIGNALS["force"], *_SIGNALS["load"]), "adhesion"),
     ):
-        there = {*results} & {*columns}
+        there = {*results} & {*rows.numbers}
         if not there or there & late or not {*sources} & late:
             continue
-        without = {*columns} - there
+        without = {*rows.numbers} - there
         if any(f"column {results[0]} " in clause for clause in needed(without)[1]):
             raise InputError(
                 f"moving {listed(sorted({*sources} & late))} changes nothing, because the {what} "
@@ -93,12 +79,11 @@ def _computed_anew(columns: dict[str, np.ndarray], late: set[str]) -> list[str]:
                 "that it comes from (name a file with it, or leave out the delay)"
             )
         for name in there:
-            del columns[name]
-        notes.append(
+            del rows.numbers[name]
+        rows.notes.append(
             f"The {what} is computed anew in the place of {listed(sorted(there))}, because what it "
             "comes from was late."
         )
-    return notes
 
 
 def _columns_of(word: str, columns: Mapping[str, np.ndarray]) -> tuple[str, ...]:
@@ -184,15 +169,6 @@ class Radius(NamedTuple):
     rows: int
 
 
-class Derived(NamedTuple):
-    """What has been derived: the rows that are used, what a new column is from, and sentences."""
-
-    used: np.ndarray  # [rows], bool
-    sources: Mapping[str, str]
-    notes: tuple[str, ...]
-    unused: str  # why no row is used, where none is
-
-
 def needed(names: Set[str]) -> tuple[list[str], list[str]]:
     """The columns of these from which slip and adhesion come, and what is missing, as clauses."""
     found: list[str] = []
@@ -216,14 +192,8 @@ def needed(names: Set[str]) -> tuple[list[str], list[str]]:
     return list(dict.fromkeys(found)), missing
 
 
-def derive(
-    columns: Columns,
-    known: Corrections = NOTHING,
-    labels: Mapping[str, pd.Categorical] = MappingProxyType({}),
-) -> Derived:
+def derive(rows: Rows, known: Corrections) -> None:
     """Adds to the columns what follows from them, and takes out what has served its purpose.
-
-    They are changed in place, for copies of the columns of a whole log do not fit in memory.
 
         adhesion = force / load, of the same body; an axle has two wheels, a locomotive two for
             each driven axle
@@ -233,18 +203,17 @@ def derive(
         slip ratio = slip velocity / vehicle speed, or tan(slip angle) where a tyre is steered
 
     so that slip, like adhesion, is positive in traction and negative in braking. The force may be
-    that of a motor torque, and the inertia of the wheelset is taken off it (`forces`); runs and
-    axles are told by the `labels`. Rows in which the vehicle is slower than `slowest` are not used
-    where the slip is a ratio. InputError where the radius is neither given nor to be found.
+    that of a motor torque, and the inertia of the wheelset is taken off it (`forces`). Rows in
+    which the vehicle is slower than `slowest` are not used where the slip is a ratio. InputError
+    where the radius is neither given nor to be found, and where no row is used.
     """
-    sources: dict[str, str] = {}
-    notes = force_of_torque(columns, known)
-    with_force, of_inertia = without_inertia(columns, labels, known)
-    notes += of_inertia
+    columns = rows.numbers
+    force_of_torque(rows, known)
+    used = without_inertia(rows, known)
 
     def add(name: str, values: np.ndarray, source: str) -> None:
         columns[name] = values
-        sources[name] = source
+        rows.computed[name] = source
 
     if "adhesion" not in columns:
         add("adhesion", *_adhesion(columns))
@@ -256,25 +225,25 @@ def derive(
     speed = columns.get("vehicle_speed_mps")
     without_slip = not {"slip_ratio", "slip_velocity_mps"} & {*columns}
     if without_slip and "wheel_speed_mps" not in columns:
-        radius, of_radius = _radius(columns, known.wheel_radius)
-        notes += of_radius
+        radius = known.wheel_radius or _found_radius(rows)
         rotation = columns["wheel_rotation_radps"]
         add("wheel_speed_mps", radius * rotation, f"{radius:.5g} m x rotation")
     elif known.wheel_radius is not None and known.inertia is None and known.gear_ratio is None:
-        notes.append("The wheel radius is not used: no slip had to be computed from a rotation.")
+        rows.notes.append(
+            "The wheel radius is not used: no slip had to be computed from a rotation."
+        )
     if without_slip:
         _check_speeds(columns["wheel_speed_mps"], columns["vehicle_speed_mps"])
         velocity = columns["wheel_speed_mps"] - columns["vehicle_speed_mps"]
         add("slip_velocity_mps", velocity, "wheel speed - train speed")
-    used, unused = with_force, "no row has a force from which the inertia could be taken off"
+    unused = "no row has a force from which the inertia could be taken off"
     if speed is not None:
         limit = slowest(speed, columns.get("time_s"))
         moves = speed >= limit
         slow = f"slower than {limit:.2g} m/s, where the slip is mostly noise"
         unused = f"the train is {slow}, in every row (check the unit and the sign of its speed)"
-        if not moves.all():
-            notes.append(f"{of_rows(~moves)} the train is {slow}.")
-        used = with_force & moves
+        rows.tell(~moves, f"the train is {slow}")
+        used &= moves
     if "slip_ratio" not in columns and speed is not None:
         ratio = columns["slip_velocity_mps"] / np.where(moves, speed, 1.0)
         add("slip_ratio", ratio, "slip velocity / train speed")
@@ -284,22 +253,23 @@ def derive(
     spent = ("wheel_speed_mps", "wheel_rotation_radps", "axle_force_N", "locomotive_force_N")
     for name in (*spent, "axle_load_N", "locomotive_load_N", _AXLES):
         columns.pop(name, None)
-        sources.pop(name, None)
-    return Derived(used, sources, tuple(notes), unused)
+        rows.computed.pop(name, None)
+    if not used.any():
+        raise InputError(unused)
+    rows.keep(used)
 
 
-def _radius(columns: Columns, given: float | None) -> tuple[float, list[str]]:
-    """The rolling radius, given or identified, and sentences on it."""
-    if given is not None:
-        return given, []
-    speed, adhesion = columns["vehicle_speed_mps"], columns["adhesion"]
-    found = rolling_radius(columns["wheel_rotation_radps"], speed, adhesion)
-    return found.metres, [
+def _found_radius(rows: Rows) -> float:
+    """The rolling radius where it was not given, and sentences on it."""
+    speed, adhesion = rows.numbers["vehicle_speed_mps"], rows.numbers["adhesion"]
+    found = rolling_radius(rows.numbers["wheel_rotation_radps"], speed, adhesion)
+    rows.notes += [
         f"The rolling radius of the wheel is {found.metres:.5f} ± {found.standard_error:.2g} m "
         "(standard error), the train speed over the rotation at adhesion 0, from "
         f"{found.rows:,} rows of at most {percent(_LOW)} of the largest adhesion.",
         *radius_warnings(found.metres),
     ]
+    return found.metres
 
 
 def slowest(speed: np.ndarray, time: np.ndarray | None) -> float:

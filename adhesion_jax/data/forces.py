@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pandas as pd
 
 from adhesion_jax.data.columns import UNDECIDED
-from adhesion_jax.data.stretches import series_of, slope_in_time, usual_step
+from adhesion_jax.data.rows import Rows
+from adhesion_jax.data.stretches import slope_in_time, usual_step
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import number
 
@@ -67,8 +67,8 @@ _LARGEST_STEP_S = 0.25
 _WHEELSETS = {"tangential_force_N": 0.5, "axle_force_N": 1.0, "locomotive_force_N": 0.0}
 
 
-def force_of_torque(columns: dict[str, np.ndarray], known: Corrections) -> list[str]:
-    """Puts the force of an axle in the place of the torque of its motor; sentences on it.
+def force_of_torque(rows: Rows, known: Corrections) -> None:
+    """Puts the force of an axle in the place of the torque of its motor.
 
         force = torque x gear ratio x efficiency / wheel radius
 
@@ -76,14 +76,18 @@ def force_of_torque(columns: dict[str, np.ndarray], known: Corrections) -> list[
     efficiency instead. Torque [rows] in Nm. It is left out where a force or the adhesion was
     measured. InputError where it is the only force and gear ratio or radius are not given.
     """
-    torque = columns.pop(TORQUE, None)
-    if torque is None or {"adhesion", *UNDECIDED["force"]} & {*columns}:
-        left_out = "force or adhesion has a column of its own"
-        notes = [] if torque is None else [f"The motor torque is not used: {left_out}."]
-        if known.gear_ratio is not None:
-            notes.append("The gear ratio is not used: no force had to be computed from a torque.")
-        return notes
+    torque = rows.numbers.pop(TORQUE, None)
     ratio, radius, efficiency = known.gear_ratio, known.wheel_radius, known.efficiency
+    if torque is None or {"adhesion", *UNDECIDED["force"]} & {*rows.numbers}:
+        if torque is not None:
+            rows.notes.append(
+                "The motor torque is not used: force or adhesion has a column of its own."
+            )
+        if ratio is not None:
+            rows.notes.append(
+                "The gear ratio is not used: no force had to be computed from a torque."
+            )
+        return
     if ratio is None or radius is None:
         lacking = [
             *(["--gear-ratio, the turns of the motor for one of the wheel"] if not ratio else []),
@@ -94,67 +98,28 @@ def force_of_torque(columns: dict[str, np.ndarray], known: Corrections) -> list[
             f"with gear ratio and wheel radius (give {' and '.join(lacking)})"
         )
     gain = np.where(torque >= 0, ratio * efficiency, ratio / efficiency)
-    columns["axle_force_N"] = torque * gain / radius
+    rows.numbers["axle_force_N"] = torque * gain / radius
     lost = f" x {efficiency:g} (in braking / {efficiency:g})" if efficiency < 1 else ""
-    return [f"The force of the axle is motor torque x {ratio:g}{lost} / {radius:g} m."]
+    rows.notes.append(f"The force of the axle is motor torque x {ratio:g}{lost} / {radius:g} m.")
 
 
-def without_inertia(
-    columns: dict[str, np.ndarray], labels: Mapping[str, pd.Categorical], known: Corrections
-) -> tuple[np.ndarray, list[str]]:
-    """Takes off the forces what turns the wheelset faster; rows that have a force, and sentences.
+def without_inertia(rows: Rows, known: Corrections) -> np.ndarray:
+    """Takes off the forces what turns the wheelset faster; which rows have a force, [rows], bool.
 
         force in the contact = force - wheelsets of the body x inertia x d(rotation)/dt / radius
 
     from the torque balance of a wheelset. The rotation is circumferential speed / radius; its
     derivative is the central difference over about 0.15 s and at least 3 rows, at the ends of a
-    stretch without a gap that over half of it. Columns [rows] are changed in place. InputError
-    where force, time, speed of the wheel, radius or driven axles are lacking.
+    stretch without a gap that over half of it. InputError where force, time, speed of the wheel,
+    radius or driven axles are lacking.
     """
-    used = np.ones(next(iter(columns.values())).size, bool)
     if known.inertia is None:
-        return used, []
+        return np.ones(rows.count, bool)
+    columns, radius = rows.numbers, known.wheel_radius
     forces = [name for name in _WHEELSETS if name in columns]
     speed = columns.get("wheel_speed_mps")
-    if speed is None and "wheel_rotation_radps" in columns and known.wheel_radius is not None:
-        speed = known.wheel_radius * columns["wheel_rotation_radps"]
-    _refuse(columns, forces, speed, known.wheel_radius)
-    assert speed is not None
-    assert known.wheel_radius is not None
-    time, series = columns["time_s"], series_of(labels, used.size)
-    step = usual_step(time, series)
-    if step > _LARGEST_STEP_S:
-        raise InputError(
-            f"the inertia cannot be taken off the force, because the rows are {step:g} s apart and "
-            f"the acceleration of the wheel in a slip event needs at most {_LARGEST_STEP_S:g} s"
-        )
-    acceleration = slope_in_time(time, speed, series, _HALF_S)
-    used = np.isfinite(acceleration)
-    mass = known.inertia / known.wheel_radius**2
-    of_wheelset = mass * np.where(used, acceleration, 0.0)
-    for name in forces:
-        count = _WHEELSETS[name] or columns["driven_axles"]
-        columns[name] = columns[name] - count * of_wheelset
-    largest = np.quantile(np.abs(of_wheelset), 0.999)
-    notes = [
-        f"The inertia of the wheelset, {known.inertia:g} kg m2 at {known.wheel_radius:g} m, is "
-        f"taken off the force: {number(float(largest))} N of an axle, which 1 row in 1000 exceeds."
-    ]
-    if not used.all():
-        notes.append(
-            f"Not used are {np.count_nonzero(~used):,} rows in stretches of time of one or two "
-            "rows, which do not tell the acceleration of the wheel."
-        )
-    return used, notes
-
-
-def _refuse(
-    columns: Mapping[str, np.ndarray],
-    forces: list[str],
-    speed: np.ndarray | None,
-    radius: float | None,
-) -> None:
-    """InputError with all that is lacking before the inertia can be taken off."""
+    if speed is None and "wheel_rotation_radps" in columns and radius is not None:
+        speed = radius * columns["wheel_rotation_radps"]
     lacking = []
     if "adhesion" in columns or not forces:
         lacking.append("a force in the place of the adhesion, from which nothing can be taken off")
@@ -166,7 +131,30 @@ def _refuse(
         lacking.append("the speed of the wheel (wheel_speed_mps or wheel_rotation_radps)")
     if forces == ["locomotive_force_N"] and "driven_axles" not in columns:
         lacking.append('the number of driven axles (--column "driven_axles=4", say)')
-    if lacking:
+    if lacking or radius is None or speed is None:
         raise InputError(
             f"the inertia cannot be taken off the force, which needs {'; and '.join(lacking)}"
         )
+    time, series = columns["time_s"], rows.series
+    step = usual_step(time, series)
+    if step > _LARGEST_STEP_S:
+        raise InputError(
+            f"the inertia cannot be taken off the force, because the rows are {step:g} s apart and "
+            f"the acceleration of the wheel in a slip event needs at most {_LARGEST_STEP_S:g} s"
+        )
+    acceleration = slope_in_time(time, speed, series, _HALF_S)
+    used = np.isfinite(acceleration)
+    of_wheelset = known.inertia / radius**2 * np.where(used, acceleration, 0.0)
+    for name in forces:
+        columns[name] = columns[name] - (_WHEELSETS[name] or columns["driven_axles"]) * of_wheelset
+    largest = float(np.quantile(np.abs(of_wheelset), 0.999))
+    rows.notes.append(
+        f"The inertia of the wheelset, {known.inertia:g} kg m2 at {radius:g} m, is taken off the "
+        f"force: {number(largest)} N of an axle, which 1 row in 1000 exceeds."
+    )
+    if not used.all():
+        rows.notes.append(
+            f"Not used are {np.count_nonzero(~used):,} rows in stretches of time of one or two "
+            "rows, which do not tell the acceleration of the wheel."
+        )
+    return used

@@ -1,7 +1,6 @@
 """The cells of a sheet as columns of numbers and labels; repeats and axles side by side as rows."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,16 +19,13 @@ from adhesion_jax.data.cells import (
 )
 from adhesion_jax.data.columns import COLUMNS, LABELS
 from adhesion_jax.data.files import Block, Sheet
+from adhesion_jax.data.rows import MOST, Rows
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, number
 
 #: How many numbers with a mark show whether it is decimal.
 _SHOWN = 1000
-
-#: The largest share of the values of a column that may be none. Beyond it a column of numbers has
-#: another unit or sign than was thought, and one with so much text holds labels. By hand.
-MOST = 0.2
 
 #: A column of text with more different entries than this is none of labels.
 _MOST_LABELS = 40
@@ -39,17 +35,6 @@ _LARGEST = 1e100
 
 #: Room for more rows that a full column is given, as a share of those that it has.
 _MORE = 0.125
-
-
-class Gathered(NamedTuple):
-    """The columns of a sheet by the names they are taken as, [rows]; NaN where one is empty."""
-
-    numbers: dict[str, np.ndarray]
-    labels: dict[str, pd.Categorical]
-    rows: int
-    texts: dict[str, tuple[int, str]]  # cells of a column of numbers that are text, and the first
-    left_out: dict[str, str]  # column of its own name to the clause why it is none of numbers
-    origin: str  # from when a time counts that was given by dates, empty otherwise
 
 
 class _Column:
@@ -89,9 +74,7 @@ class _Labels:
         return pd.Categorical.from_codes(self.codes.whole(), pd.Index([*self.names], dtype="str"))
 
 
-def gather(
-    sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float], None]
-) -> Gathered:
+def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float], None]) -> Rows:
     """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
     columns = {one.name: _Column() for one in taken if one.name not in LABELS}
     labels = {one.name: _Labels() for one in taken if one.name in LABELS}
@@ -143,10 +126,10 @@ def gather(
         if name not in LABELS and len(one.names) > _MOST_LABELS
     }
     left_out = {name: reason for name, reason in left_out.items() if reason}
-    return Gathered(
+    return Rows(
         {name: values for name, values in found.items() if name not in left_out},
         {name: label.whole() for name, label in labels.items() if name not in left_out},
-        first_row - sheet.first_row,
+        pd.RangeIndex(sheet.first_row, first_row),
         texts,
         left_out,
         str(pd.Timestamp(origin)) if dated and origin is not None else "",
@@ -214,65 +197,66 @@ _POOLED = 5
 _REPEATED = ("adhesion", "tangential_force_N", "run")
 
 
-def stacked(read: Gathered, taken: Sequence[Taken], label: str) -> tuple[Gathered, list[str]]:
-    """The rows of every repeat or axle one below the other, where they are columns side by side.
+def stack(rows: Rows, taken: Sequence[Taken], label: str) -> list[str]:
+    """Puts every repeat or axle below the other, where they are columns side by side; a sentence.
 
     The `label` numbers the copies from 1; where the file has such labels it is `label/copy`. What
-    has one column for all is repeated, and a sentence says so. Without a label all stays as it is.
+    has one column for all is repeated. Without a label all stays as it is.
     """
     if not label:
-        return read, []
+        return []
     copies: dict[str, list[str]] = {}
     for one in taken:
         if one.copy:
             copies.setdefault(one.quantity, []).append(one.name)
+    count, before = max(map(len, copies.values())), rows.numbers
     names = {name for of_one in copies.values() for name in of_one}
-    count, rows = max(map(len, copies.values())), read.rows
-    numbers = {
-        name: np.tile(values, count) for name, values in read.numbers.items() if name not in names
+    rows.numbers = {
+        name: np.tile(values, count) for name, values in before.items() if name not in names
     }
     for quantity, of_one in copies.items():
-        if all(name in read.numbers for name in of_one):  # of one that is not needed, one may lack
-            numbers[quantity] = np.concatenate([read.numbers[name] for name in of_one])
+        if all(name in before for name in of_one):  # of one that is not needed, one may lack
+            rows.numbers[quantity] = np.concatenate([before[name] for name in of_one])
     labels = {
         name: pd.Categorical.from_codes(np.tile(of.codes, count), of.categories)
-        for name, of in read.labels.items()
+        for name, of in rows.labels.items()
     }
-    number = np.repeat(np.arange(1, count + 1), rows).astype(str)
+    number = np.repeat(np.arange(1, count + 1), rows.count).astype(str)
     if label in labels:
         number = np.char.add(np.char.add(np.asarray(labels[label], str), "/"), number)
-    labels[label] = pd.Categorical(number.astype(object))
-    side_by_side, used = listed([one.column for one in taken if one.copy]), f"{count * rows:,} rows"
-    note = (
-        f"The columns {side_by_side} are {count} repeats of the adhesion: they are used as {used}, "
-        "those of the first column being run 1, and so on."
-    )
+    rows.labels = {**labels, label: pd.Categorical(number.astype(object))}
+    rows.index = pd.Index(np.tile(rows.index, count))
+    side_by_side, used = listed([one.column for one in taken if one.copy]), f"{rows.count:,} rows"
     if label == "axle":
-        note = (
+        return [
             f"The columns {side_by_side} are those of {count} axles: they are used as {used}, one "
             "axle below the other."
-        )
-    return read._replace(numbers=numbers, labels=labels, rows=count * rows), [note]
+        ]
+    return [
+        f"The columns {side_by_side} are {count} repeats of the adhesion: they are used as {used}, "
+        "those of the first column being run 1, and so on."
+    ]
 
 
-def of_means(columns: dict[str, np.ndarray]) -> list[str]:
-    """Makes the standard deviation that of the mean, in place, where repeats are counted; says so.
+def of_means(rows: Rows) -> None:
+    """Makes the standard deviation that of the mean where repeats are counted.
 
     The standard deviation of the mean of n repeats is that of one over the root of n. A number of
     repeats explains nothing of the adhesion, and is not handed on.
     """
-    count = columns.pop("repeats", None)
+    count = rows.numbers.pop("repeats", None)
     if count is None:
-        return []
-    if "adhesion_sd" not in columns:
-        return [
+        return
+    if "adhesion_sd" not in rows.numbers:
+        rows.notes.append(
             "The number of repeats is not used: there is no standard deviation of the adhesion."
-        ]
-    columns["adhesion_sd"] = columns["adhesion_sd"] / np.sqrt(count)
-    return [
+        )
+        return
+    rows.numbers["adhesion_sd"] = rows.numbers["adhesion_sd"] / np.sqrt(count)
+    rows.notes.append(
         "Each adhesion is the mean of its number of repeats: its standard deviation is that of the "
         "file over the root of that number."
-    ]
+    )
 
 
 def with_scatter(table: pd.DataFrame, slip: str) -> tuple[pd.DataFrame, list[str]]:

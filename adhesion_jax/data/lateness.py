@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-import scipy
+from scipy.ndimage import correlate1d, maximum_filter1d, minimum_filter1d
 
 from adhesion_jax.data.stretches import series_of, stretches, usual_step
 from adhesion_jax.wording import plus_minus
@@ -44,6 +44,11 @@ class Delay(NamedTuple):
     standard_error: float  # by the jackknife over blocks of the log
     clear: bool
 
+    @classmethod
+    def told(cls, seconds: float, error: float, gain: float, step: float) -> "Delay":
+        """`gain` is the share of what is unexplained without the delay that it explains."""
+        return cls(seconds, error, abs(seconds) > max(step, _ERRORS * error) and gain > _GAIN)
+
 
 class Lateness(NamedTuple):
     """By how much the speed of the vehicle is late against that of the wheel, found in two ways."""
@@ -62,19 +67,35 @@ class Grid(NamedTuple):
     block: np.ndarray  # the number of the block of the log of each place
     half: int  # steps before and after a place from which its slope is taken
     signals: Mapping[str, np.ndarray]
-    slopes: Mapping[str, np.ndarray]  # of the signals, per s
+
+    def slope(self, values: np.ndarray) -> np.ndarray:
+        """That of a straight line about each place, per s; NaN next to the ends of a stretch."""
+        away = np.arange(-self.half, self.half + 1)
+        slope = correlate1d(values, away / (self.step * np.sum(away**2)), mode="nearest")
+        first, last = (
+            end(self.stretch, away.size, mode="constant", cval=-1)
+            for end in (minimum_filter1d, maximum_filter1d)
+        )
+        return np.where(first == last, slope, np.nan)
 
 
-def best_lag(grid: Grid, first: str, second: str) -> Delay:
-    """By how much the first of two signals of a grid is late against the second.
+def best_lag(
+    grid: Grid, first: np.ndarray, second: np.ndarray, used: np.ndarray | None = None
+) -> Delay:
+    """By how much the first of two signals of a grid, [places], is late against the second.
 
     The lag within 1 s at which their slopes correlate best, with a parabola through it and its
-    neighbours; where there is a signal `used`, only places where it is 1 count. Source: Knapp and
-    Carter 1976, IEEE Trans. ASSP 24:320-327 (the unweighted estimator); the standard error is that
-    of the jackknife over blocks of the log.
+    neighbours; `used` are the places that count. Source: Knapp and Carter 1976, IEEE Trans. ASSP
+    24:320-327 (the unweighted estimator); the standard error is that of the jackknife over blocks
+    of the log.
     """
     most = round(_LONGEST_S / grid.step)
-    sums = _products(grid, grid.slopes[first], grid.slopes[second], most)
+    slopes = grid.slope(first), grid.slope(second)
+    fine = np.isfinite(slopes[0]) & np.isfinite(slopes[1])
+    if used is not None:
+        fine &= used
+    one, other = (np.where(fine, slope, 0.0) for slope in slopes)
+    sums = _products(grid, one, other, fine, most)
     whole = sums.sum(axis=0)
     if sums.shape[0] < _FEWEST_BLOCKS or not _top(whole, most)[1] > 0:
         return Delay(0.0, np.inf, False)
@@ -82,21 +103,13 @@ def best_lag(grid: Grid, first: str, second: str) -> Delay:
     error = _jackknife([_top(whole - one, most)[0] for one in sums])
     none = _correlation(whole)[most]
     gain = float((best**2 - none**2) / max(1 - none**2, 1e-12))
-    return _judged(lag * grid.step, error * grid.step, gain, grid.step)
+    return Delay.told(lag * grid.step, error * grid.step, gain, grid.step)
 
 
-def _judged(seconds: float, error: float, gain: float, step: float) -> Delay:
-    """`gain` is the share of what is unexplained without the delay that it explains."""
-    return Delay(seconds, error, abs(seconds) > max(step, _ERRORS * error) and gain > _GAIN)
-
-
-def _products(grid: Grid, first: np.ndarray, second: np.ndarray, most: int) -> np.ndarray:
+def _products(
+    grid: Grid, first: np.ndarray, second: np.ndarray, fine: np.ndarray, most: int
+) -> np.ndarray:
     """Sums over the blocks of first(t + lag) second(t) and of both squares, [blocks, 3, lags]."""
-    used = grid.signals.get("used")
-    fine = np.isfinite(first) & np.isfinite(second)
-    if used is not None:
-        fine &= used > 0.999
-    first, second = np.where(fine, first, 0.0), np.where(fine, second, 0.0)
     blocks = int(grid.block.max()) + 1
     sums = np.zeros((blocks, 3, 2 * most + 1))
     for place, lag in enumerate(range(-most, most + 1)):
@@ -138,36 +151,21 @@ def grid_of(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]
     """
     step, size = max(usual_step(time, run), _FINEST_S), time.size // _BLOCKS
     half = round(_SLOPE_S / step / 2)
-    parts: list[dict[str, np.ndarray]] = []
-    blocks: list[int] = []
+    parts = []
     for block in range(_BLOCKS if size and step <= _SLOPE_S / 2 else 0):
         within = slice(block * size, (block + 1) * size)
         for rows in stretches(time[within], run[within]):
             there = time[within][rows]
-            if there[-1] - there[0] < 2 * _LONGEST_S + 2 * _SLOPE_S:
-                continue
-            at = np.arange(there[0], there[-1], step)
-            parts.append({n: np.interp(at, there, of[within][rows]) for n, of in signals.items()})
-            blocks.append(block)
+            if there[-1] - there[0] >= 2 * _LONGEST_S + 2 * _SLOPE_S:
+                at = np.arange(there[0], there[-1], step)
+                of_part = {n: np.interp(at, there, of[within][rows]) for n, of in signals.items()}
+                parts.append(pd.DataFrame({"block": block, **of_part}))
     if not parts:
         return None
-    sizes = [len(next(iter(part.values()))) for part in parts]
-    return Grid(
-        step,
-        np.repeat(np.arange(len(sizes)), sizes),
-        np.repeat(np.unique(blocks, return_inverse=True)[1], sizes),
-        half,
-        {n: np.concatenate([part[n] for part in parts]) for n in signals},
-        {n: np.concatenate([_slope(part[n], half, step) for part in parts]) for n in signals},
-    )
-
-
-def _slope(values: np.ndarray, half: int, step: float) -> np.ndarray:
-    """The slope of the straight line through 2 half + 1 values about each; NaN at both ends."""
-    weights = np.arange(-half, half + 1) / (step * 2 * np.sum(np.arange(1, half + 1) ** 2))
-    slope: np.ndarray = scipy.ndimage.correlate1d(values, weights, mode="nearest")
-    slope[:half] = slope[max(slope.size - half, 0) :] = np.nan
-    return slope
+    whole = pd.concat(parts, keys=range(len(parts)))
+    blocks = np.unique(whole.pop("block"), return_inverse=True)[1]
+    stretch = whole.index.get_level_values(0).to_numpy()
+    return Grid(step, stretch, blocks, half, {n: whole[n].to_numpy() for n in signals})
 
 
 def lateness(
@@ -190,40 +188,36 @@ def lateness(
     grid = grid_of(time_s, run, {"speed": vehicle, "wheel": wheel, "force": force})
     if grid is None:
         return None
-    speed, size = grid.signals["speed"], np.abs(grid.signals["force"])
-    fast = (speed > max(_SLOW, 0.25 * float(speed.max()))) & (grid.signals["wheel"] > 0)
-    fast &= np.isfinite(grid.slopes["speed"])
+    speed, wheel, force = grid.signals.values()
+    size = np.abs(force)
+    fast = (speed > max(_SLOW, 0.25 * float(speed.max()))) & (wheel > 0)
+    fast &= np.isfinite(grid.slope(speed))
     low = fast & (size <= _LOW * np.quantile(size, 0.999))
     if not low.any():
         return None
-    radius = float(np.median(speed[low] / grid.signals["wheel"][low]))
-    slip = radius * grid.signals["wheel"] - speed
-    micro = fast & (np.abs(slip) < _EVENT * speed)
-    fitted = _by_slip(grid, radius, slip, low & micro)
+    rolled = float(np.median(speed[low] / wheel[low])) * wheel
+    micro = fast & (np.abs(rolled - speed) < _EVENT * speed)
+    fitted = _by_slip(grid, rolled, low & micro)
     if fitted is None:
         return None
     by_slip, creep = fitted
-    rolling = radius * grid.signals["wheel"] - creep * grid.signals["force"] * speed
-    near = scipy.ndimage.minimum_filter1d(micro.astype(np.uint8), 4 * grid.half + 1).astype(float)
-    lagged = grid._replace(
-        signals={**grid.signals, "used": near},
-        slopes={**grid.slopes, "rolling": _slope(rolling, grid.half, grid.step)},
-    )
-    by_lag = best_lag(lagged, "speed", "rolling")
+    near = minimum_filter1d(micro.astype(np.uint8), 4 * grid.half + 1) > 0
+    by_lag = best_lag(grid, speed, rolled - creep * force * speed, near)
     apart = abs(by_slip.seconds - by_lag.seconds)
     error = float(np.hypot(by_slip.standard_error, by_lag.standard_error))
     agree = apart <= max(_ERRORS * error, _AGREE * abs(by_slip.seconds))
     return Lateness(*by_slip[:2], by_slip.clear and by_lag.clear and agree, by_lag[:2])
 
 
-def _by_slip(
-    grid: Grid, radius: float, slip: np.ndarray, rows: np.ndarray
-) -> tuple[Delay, float] | None:
-    """T and k of the slip velocity (see `lateness`) from some places of a grid; None if too few."""
-    speed, slope = grid.signals["speed"], grid.slopes["speed"]
-    terms = np.column_stack([slope, grid.signals["force"] * speed, speed, np.ones(speed.size)])
-    instruments = terms.copy()
-    instruments[:, 0] = radius * grid.slopes["wheel"]
+def _by_slip(grid: Grid, rolled: np.ndarray, rows: np.ndarray) -> tuple[Delay, float] | None:
+    """T and k of the slip velocity (see `lateness`) from some places of a grid; None if too few.
+
+    `rolled` [places] is the circumferential speed of the wheel.
+    """
+    speed = grid.signals["speed"]
+    slip, further = rolled - speed, (grid.signals["force"] * speed, speed, np.ones(speed.size))
+    terms = np.column_stack([grid.slope(speed), *further])
+    instruments = np.column_stack([grid.slope(rolled), *further])
     size = np.sqrt(np.mean(terms[rows] ** 2, axis=0))
     if not (size > 0).all():
         return None
@@ -248,7 +242,7 @@ def _by_slip(
     others = terms[used][:, 1:]
     worse = slip[used] - others @ np.linalg.lstsq(others, slip[used], rcond=None)[0]
     gain = 1 - float(left @ left) / max(float(worse @ worse), 1e-300)
-    return _judged(float(fit[0]), _jackknife(without), gain, grid.step), float(fit[1])
+    return Delay.told(float(fit[0]), _jackknife(without), gain, grid.step), float(fit[1])
 
 
 def late_signals(

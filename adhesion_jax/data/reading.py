@@ -13,7 +13,7 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.derived import SOURCES, derive, needed, without_delays
 from adhesion_jax.data.files import Sheet, sheet_of, sheet_of_frame, with_dates_joined
 from adhesion_jax.data.forces import NOTHING, Corrections
-from adhesion_jax.data.gathering import Gathered, gather, of_means, stacked, with_scatter
+from adhesion_jax.data.gathering import gather, of_means, stack, with_scatter
 from adhesion_jax.data.lateness import late_signals
 from adhesion_jax.data.plausible import (
     exchanged,
@@ -22,13 +22,13 @@ from adhesion_jax.data.plausible import (
     speed_warnings,
     unusual,
 )
-from adhesion_jax.data.rows import Rows, set_aside
-from adhesion_jax.data.stretches import FEW, bridged, without_gaps
+from adhesion_jax.data.rows import Rows
+from adhesion_jax.data.stretches import FEW
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
 from adhesion_jax.runtime import silent
-from adhesion_jax.wording import listed, percent
+from adhesion_jax.wording import percent
 
 #: A curve has up to five parameters; with fewer points its errors could not be estimated.
 POINTS = 10
@@ -97,7 +97,7 @@ def to_measured(
     body. Columns are taken for these by their names and units, or as `columns` says, see
     `understanding.said`. The other columns of COLUMNS and LABELS are checked where they are there;
     further numeric ones are kept as covariates. Rows with a gap in a column that is needed are left
-    out, and so are those with a gap in another one that is not bridged (`bridged`), as long as
+    out, and so are those with a gap in another one that is not bridged (`Rows.bridged`), as long as
     these are few, at most that share of all; otherwise that column is left out. Whether the points
     are of use is for `check_curve` and `adhesion_faults` to say.
     """
@@ -150,9 +150,9 @@ def _measured(
         table = pd.DataFrame([*_understood(found.taken, some)], columns=[*_UNDERSTOOD])
         fault = _asked(sheet, found, missing)
         raise NotUnderstoodError(f"{sheet.name} cannot be used: {fault}.", table)
-    read = gather(sheet, found.taken, progress)
+    rows = gather(sheet, found.taken, progress)
     try:
-        return _used(sheet, found, read, names_needed, known, few)
+        return _used(sheet, found, rows, names_needed, known, few)
     except InputError as error:
         raise InputError(f"{sheet.name} cannot be used: {error}.") from None
 
@@ -160,70 +160,64 @@ def _measured(
 def _used(
     sheet: Sheet,
     found: Understanding,
-    read: Gathered,
+    rows: Rows,
     names_needed: Sequence[str],
     known: Corrections,
     few: float,
 ) -> Measured:
     """The rows of a sheet that are used, with what is derived; InputError is a clause here."""
-    if not read.rows:
+    if not rows.count:
         raise InputError(too_few(0))
-    understood = [*_understood(found.taken, read)]
-    taken = {one.name: one for one in found.taken if one.name in read.numbers}
-    notes, unfit = set_aside(read, taken, {*names_needed, "time_s"}, sheet.first_row)
-    whole, side_by_side = stacked(read, found.taken, found.copies)
-    rows = Rows(whole, sheet.first_row, read.rows)
+    understood = [*_understood(found.taken, rows)]
+    taken = {one.name: one for one in found.taken if one.name in rows.numbers}
+    rows.set_aside(taken, {*names_needed, "time_s"})
+    side_by_side = stack(rows, found.taken, found.copies)
+    rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
+    rows.labelled()
+    there = [name for name in names_needed if name in rows.numbers]
+    rows.bridged(there)
+    rows.without_gaps(there, few)
+    of_gaps = tuple(rows.notes)
     numbers = rows.numbers
-    notes += rows.in_time(taken["time_s"].column if "time_s" in taken else "time_s")
-    notes += rows.labelled()
-    there = [name for name in names_needed if name in numbers]
-    notes += bridged(numbers, rows.series, there)
-    gaps = without_gaps(numbers, there, few)
-    if not gaps.kept.any():
-        empty = [name for name in there if np.isnan(numbers[name]).all()]
-        raise InputError(f"no row has a value in {listed(empty or there)}")
-    for name in gaps.left_out:
-        del numbers[name]
-    rows.keep(gaps.kept)
-    notes += gaps.notes
-    of_gaps = tuple(notes)
     for name, value in found.constants.items():
         numbers[name] = np.full(rows.count, value)
         understood.append(("constant", name, COLUMNS[name].unit, value, value, 0.0))
-    notes += of_means(numbers)
-    moved, said = without_delays(numbers, rows.labels, known.delays)
-    rows.keep(moved)
+    of_means(rows)
+    without_delays(rows, known.delays)
     beside = slip_beside_speeds(numbers, taken)
-    derived = derive(numbers, known, rows.labels)
-    rows.keep(derived.used)
-    if not rows.count:
-        raise InputError(derived.unused)
-    notes += [*said, *derived.notes, *rows.within(derived.sources), *rows.without_leaps()]
+    derive(rows, known)
+    rows.within()
+    rows.without_leaps()
     # Two speeds are compared where the slip is theirs and nothing was said of a delay.
-    if "slip_velocity_mps" in derived.sources and not known.delays:
-        notes += late_signals(numbers, rows.labels)
+    if "slip_velocity_mps" in rows.computed and not known.delays:
+        rows.notes += late_signals(numbers, rows.labels)
     table = pd.DataFrame({**numbers, **rows.labels}, index=rows.index, copy=False)
     slip = "slip_ratio" if "slip_ratio" in table else "slip_velocity_mps"
     table, of_scatter = with_scatter(table, slip)
-    notes += [*of_scatter, *unusual(numbers, taken), *refuse_other_units(numbers, taken), *beside]
-    notes += filter(None, [exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy())])
-    notes += speed_warnings(numbers, taken)
-    computed = dict(derived.sources)
     if of_scatter:
-        computed["adhesion_sd"] = "scatter of the repeats"
+        rows.computed["adhesion_sd"] = "scatter of the repeats"
     understood += [
         (f"computed: {source}", name, COLUMNS[name].unit, table[name].min(), table[name].max(), 0.0)
-        for name, source in computed.items()
+        for name, source in rows.computed.items()
     ]
-    left_out = {**read.left_out, **unfit, **gaps.left_out}
     return Measured(
         sheet.name,
         table,
         slip,
         tuple(name for name in numbers if name not in COLUMNS),
-        tuple(left_out),
+        tuple(rows.left_out),
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
-        (*_format_notes(sheet, found, read.origin, left_out), *side_by_side, *notes),
+        (
+            *_format_notes(sheet, found, rows),
+            *side_by_side,
+            *rows.notes,
+            *of_scatter,
+            *unusual(numbers, taken),
+            *refuse_other_units(numbers, taken),
+            *beside,
+            *filter(None, [exchanged(table[slip].to_numpy(), table["adhesion"].to_numpy())]),
+            *speed_warnings(numbers, taken),
+        ),
         of_gaps,
     )
 
@@ -235,7 +229,7 @@ _NO_RANGE = (np.nan, np.nan, 0.0)
 _TOLD = 40
 
 
-def _understood(taken: Sequence[Taken], read: Gathered) -> Iterator[tuple[object, ...]]:
+def _understood(taken: Sequence[Taken], read: Rows) -> Iterator[tuple[object, ...]]:
     """The rows of the table of what was understood; ranges are in the unit beside them."""
     for one in taken:
         if one.name in read.labels:
@@ -260,13 +254,11 @@ def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
     return f"{'; '.join(missing)} (there are {there}{more}); please say {'; '.join(asked)}"
 
 
-def _format_notes(
-    sheet: Sheet, found: Understanding, origin: str, left_out: Mapping[str, str]
-) -> list[str]:
+def _format_notes(sheet: Sheet, found: Understanding, rows: Rows) -> list[str]:
     notes = [f"The log has {sheet.format}."] if sheet.format else []
-    if origin:
-        notes.append(f"The time counts from {origin}.")
-    notes += [f"The column {name} is left out: {why}." for name, why in left_out.items()]
+    if rows.origin:
+        notes.append(f"The time counts from {rows.origin}.")
+    notes += [f"The column {name} is left out: {why}." for name, why in rows.left_out.items()]
     notes += [
         f"The column {name} is left out: it may be a force, which is what the adhesion explains."
         for name in found.left_out

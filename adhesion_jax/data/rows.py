@@ -1,16 +1,20 @@
 """The rows of a log that are used: fewer with each step, and each step says which and why."""
 
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.gathering import MOST, Gathered
-from adhesion_jax.data.stretches import longest_step, of_rows, series_of, with_clock
+from adhesion_jax.data.stretches import GAP_S, going_on, longest_step, series_of, stretches
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, number, percent
+
+#: The largest share of the values of a column that may be none. Beyond it a column of numbers has
+#: another unit or sign than was thought, and one with so much text holds labels; and the largest
+#: share of rows at which a clock may step back. By hand.
+MOST = 0.2
 
 #: The size that nine rows in ten do not exceed is that of the data; what exceeds it this many
 #: times, and the range of its quantity too, is no part of them. By hand.
@@ -31,53 +35,251 @@ _LEAP = 20.0
 _SAMPLE = 200_000
 
 
-def set_aside(
-    read: Gathered, taken: Mapping[str, Taken], needed: Set[str], first_row: int
-) -> tuple[list[str], dict[str, str]]:
-    """Makes values that cannot be NaN, in place; sentences, and the columns that are left out.
+class Rows:
+    """The columns of a log by the names they are taken as, [rows], and what is said of them.
 
-    An infinite value is none. Text in a column of numbers, and a value out of the range of its
-    quantity, is none where few are, at most MOST of all. Where more are, a column that is not
-    needed is left out, and InputError tells all that is wrong with those that are. `taken` says
-    in which column of the file a quantity was found, and each of several repeats is a column.
+    They are changed in place, for two copies of the columns of a long log do not fit in memory.
     """
-    notes: list[str] = []
-    faults: list[str] = []
-    left_out: dict[str, str] = {}
-    for name, source in taken.items():
-        values = read.numbers[name]
-        infinite, outside = np.isinf(values), np.zeros(values.size, bool)
-        if source.quantity in COLUMNS:
-            outside = _outside(values, source.quantity)
-        found = []
-        if name in read.texts:
-            count, said = read.texts[name]
-            found.append((count, "text", said))
-        if outside.any():
-            said = _said(values, outside, source, first_row)
-            found.append((int(outside.sum()), "out of range", said))
-        written = int(np.count_nonzero(~np.isnan(values) & ~infinite))
-        too_many = [(count, said) for count, _, said in found if count > MOST * (written + count)]
-        if too_many and source.quantity in needed:
-            faults += [said for _, said in too_many]
-        elif too_many:
-            left_out[name] = too_many[0][1]
-            del read.numbers[name]
-        else:
-            if infinite.any():
-                row = first_row + int(infinite.argmax())
-                said = f"row {row} of column {source.column}"
-                found.append((int(infinite.sum()), "infinite", said))
-            for count, what, said in found:
-                if count == 1:
-                    notes.append(f"1 value is {what} and not used: {said}.")
-                else:
-                    notes.append(f"{count:,} values are {what} and not used: {said}, and others.")
-            if infinite.any() or outside.any():
-                read.numbers[name] = np.where(infinite | outside, np.nan, values)
-    if faults:
-        raise InputError("; ".join(dict.fromkeys(faults)))
-    return list(dict.fromkeys(notes)), left_out
+
+    def __init__(
+        self,
+        numbers: dict[str, np.ndarray],
+        labels: Mapping[str, pd.Categorical],
+        index: pd.Index,
+        texts: Mapping[str, tuple[int, str]],
+        left_out: dict[str, str],
+        origin: str,
+    ) -> None:
+        self.numbers = numbers  # NaN where a cell is empty
+        self.labels = labels
+        self.index = index  # the numbers that a user sees of the rows
+        self.texts = texts  # cells of a column of numbers that are text, and the first
+        self.left_out = left_out  # columns that are not used, each with the clause why
+        self.origin = origin  # from when a time counts that was given by dates, empty otherwise
+        self.computed: dict[str, str] = {}  # columns that were, and what from
+        self.notes: list[str] = []
+
+    @property
+    def count(self) -> int:
+        return len(self.index)
+
+    @property
+    def series(self) -> np.ndarray:
+        """A number for each run and axle, [rows]."""
+        return series_of(self.labels, self.count)
+
+    def keep(self, rows: np.ndarray) -> None:
+        """Keeps some of the rows, [rows], bool."""
+        if rows.all():
+            return
+        for name in self.numbers:
+            self.numbers[name] = self.numbers[name][rows]
+        self.labels = {name: of[rows] for name, of in self.labels.items()}
+        self.index = self.index[rows]
+
+    def tell(
+        self, unused: np.ndarray, why: str, values: np.ndarray | None = None, unit: str = ""
+    ) -> None:
+        """Says of how many rows, [rows], bool, are not used, if any; `why` goes on from "in which".
+
+        With the number of the first row, where `values` are given, and its value.
+        """
+        count = int(unused.sum())
+        if not count:
+            return
+        words = "is 1 row" if count == 1 else f"are {count:,} rows"
+        share = f"{unused.size:,} ({100 * unused.mean():.3g} %)"
+        if values is not None:
+            place = int(unused.argmax())
+            value = number(float(values[place]))
+            why = f"{why}; the first is row {self.index[place]}, with {value}{unit}"
+        self.notes.append(f"Not used {words} of {share}, in which {why}.")
+
+    def leave(
+        self, unused: np.ndarray, why: str, values: np.ndarray | None = None, unit: str = ""
+    ) -> None:
+        """Leaves out rows, and says so (`tell`)."""
+        self.tell(unused, why, values, unit)
+        self.keep(~unused)
+
+    def set_aside(self, taken: Mapping[str, Taken], needed: Set[str]) -> None:
+        """Makes values that cannot be NaN, and leaves out columns of which most cannot.
+
+        An infinite value is none. Text in a column of numbers, and a value out of the range of its
+        quantity, is none where few are, at most MOST of all. Where more are, a column that is not
+        needed is left out, and InputError tells all that is wrong with those that are. `taken` says
+        in which column of the file a quantity was found, and each of several repeats is a column.
+        """
+        notes: list[str] = []
+        faults: list[str] = []
+        for name, source in taken.items():
+            values = self.numbers[name]
+            infinite, outside = np.isinf(values), np.zeros(values.size, bool)
+            if source.quantity in COLUMNS:
+                outside = _outside(values, source.quantity)
+            found = []
+            if name in self.texts:
+                count, said = self.texts[name]
+                found.append((count, "text", said))
+            if outside.any():
+                place = int(outside.argmax())
+                said = _said(self.index[place], float(values[place]), source)
+                found.append((int(outside.sum()), "out of range", said))
+            written = int(np.count_nonzero(~np.isnan(values) & ~infinite))
+            too_many = [said for count, _, said in found if count > MOST * (written + count)]
+            if too_many and source.quantity in needed:
+                faults += too_many
+            elif too_many:
+                self.left_out[name] = too_many[0]
+                del self.numbers[name]
+            else:
+                if infinite.any():
+                    said = f"row {self.index[int(infinite.argmax())]} of column {source.column}"
+                    found.append((int(infinite.sum()), "infinite", said))
+                for count, what, said in found:
+                    some = "1 value is" if count == 1 else f"{count:,} values are"
+                    others = "" if count == 1 else ", and others"
+                    notes.append(f"{some} {what} and not used: {said}{others}.")
+                if infinite.any() or outside.any():
+                    self.numbers[name] = np.where(infinite | outside, np.nan, values)
+        if faults:
+            raise InputError("; ".join(dict.fromkeys(faults)))
+        self.notes += dict.fromkeys(notes)
+
+    def in_time(self, column: str) -> None:
+        """Makes time go on within each run and axle where the clock stepped back.
+
+        InputError where it steps back all the time, or most rows would be lost.
+        """
+        self.labels = _within_files(self.labels, self.numbers.get("time_s"))
+        if "time_s" not in self.numbers:
+            return
+        time = self.numbers["time_s"]
+        timed = ~np.isnan(time)
+        moved, of_those, parted = going_on(time[timed], self.series[timed])
+        lost, cuts = np.zeros((2, time.size), bool)
+        lost[timed], cuts[timed] = ~of_those, parted
+        count, first = int(cuts.sum()), self.index[int((lost | cuts).argmax())]
+        if int(lost.sum()) + count > MOST * np.count_nonzero(timed):
+            raise InputError(
+                f"column {column} decreases all the time, first in row {first} (sort each run by "
+                "time, and number the runs in a column run)"
+            )
+        self.numbers["time_s"] = time.copy()
+        self.numbers["time_s"][timed] = moved
+        first = self.index[int(lost.argmax())]
+        back = "the clock steps back, until it shows again what it showed before; the first is row"
+        self.tell(lost, f"{back} {first}")
+        if count:
+            others = f" and {count - 1:,} other rows" if count > 1 else ""
+            self.notes.append(
+                f"The time of column {column} begins anew in row {self.index[int(cuts.argmax())]}"
+                f"{others}: the log is cut there, and the times from there on are moved behind "
+                "those before."
+            )
+        self.keep(~lost)
+
+    def labelled(self) -> None:
+        """Keeps the rows that have a run, an axle and so on where there is such a column."""
+        for name in LABELS:
+            if name != "mode" and name in self.labels:
+                self.leave(np.asarray(self.labels[name] == ""), f"the {name} is not named")
+        modes = self.labels["mode"].categories if "mode" in self.labels else ()
+        strange = [one for one in modes if one.lower() not in {"", *MODES}]
+        if strange:
+            own = {"mode": "mode (as it is)"}
+            self.labels = {own.get(name, name): of for name, of in self.labels.items()}
+            self.notes.append(
+                f"The column mode keeps its labels, which are none of {listed([*MODES])}: "
+                f"{listed(strange[:3])}."
+            )
+
+    def bridged(self, needed: Sequence[str]) -> None:
+        """Fills short gaps of columns that are not needed.
+
+        A gap is short if the values before and after it, of one run and axle and without a gap in
+        time, are at most a second apart: a straight line between them is taken. Of a column of
+        whole numbers, which may be states, it is only taken where both are the same.
+        """
+        time, kept = self.numbers.get("time_s"), {*needed, "time_s"}
+        holed = [n for n, of in self.numbers.items() if n not in kept and np.isnan(of).any()]
+        if time is None or not holed:
+            return
+        filled = dict.fromkeys(holed, 0)
+        timed = np.flatnonzero(~np.isnan(time))
+        for part in stretches(time[timed], self.series[timed]):
+            at = time[timed[part]]
+            for name in holed:
+                values = self.numbers[name][timed[part]]
+                there = ~np.isnan(values)
+                known, held = at[there], values[there]
+                after = np.searchsorted(known, at)
+                hole = np.flatnonzero(~there & (after > 0) & (after < known.size))
+                if not hole.size:
+                    continue
+                after = after[hole]
+                short = known[after] - known[after - 1] < 1.001 * GAP_S
+                if (held % 1 == 0).all():
+                    short &= held[after] == held[after - 1]
+                values[hole[short]] = np.interp(at[hole[short]], known, held)
+                self.numbers[name][timed[part]] = values
+                filled[name] += int(short.sum())
+        self.notes += [
+            f"In {rows:,} of {time.size:,} rows there is no value of {name}: it is taken from a "
+            f"straight line between its neighbours, at most {GAP_S:g} s apart."
+            for name, rows in filled.items()
+            if rows
+        ]
+
+    def without_gaps(self, needed: Sequence[str], few: float) -> None:
+        """Keeps the rows that have a value, not NaN, in every column that is kept.
+
+        A row must have one in the columns that are needed. Of the others, those with the fewest
+        gaps come first: as long as all that are kept cost at most the share `few` of the rows, the
+        rows are left out, and then the column. Blank rows at the end are no rows, and not counted.
+        InputError where no row is kept.
+        """
+        missing = {name: np.isnan(values) for name, values in self.numbers.items()}
+        written = np.flatnonzero(~np.logical_and.reduce([*missing.values()]))
+        rows = slice(written[-1] + 1 if written.size else 0)
+        kept = ~np.logical_or.reduce([missing[name] for name in needed])
+        holes = [name for name in needed if missing[name][rows].any()]
+        if holes:
+            self.tell(~kept[rows], f"there is no value of {listed(holes, 'or')}")
+        further = sorted({*missing} - {*needed}, key=lambda one: (missing[one].sum(), one))
+        allowed = (1 - few) * np.count_nonzero(kept)
+        for name in further:
+            lost = kept & missing[name]
+            if np.count_nonzero(kept & ~lost) >= allowed:
+                self.tell(lost[rows], f"there is no value of {name}")
+                kept &= ~lost
+            else:
+                share = 100 * missing[name][rows].mean()
+                self.left_out[name] = f"{share:.3g} % of its rows have no value"
+                del self.numbers[name]
+        if not kept.any():
+            empty = [name for name in needed if missing[name].all()]
+            raise InputError(f"no row has a value in {listed(empty or needed)}")
+        self.keep(kept)
+
+    def within(self) -> None:
+        """Keeps the rows whose computed values are not beyond what the others show."""
+        for name in self.computed:
+            values = self.numbers[name]
+            wrong = ~np.isfinite(values) | _outside(values, name)
+            self.leave(wrong, f"{name} comes out beyond what it is in the others", values)
+
+    def without_leaps(self) -> None:
+        """Keeps the rows in which the speed of the wheel does not leap for one row."""
+        if {"slip_velocity_mps", "time_s"} <= {*self.numbers}:
+            slip = self.numbers["slip_velocity_mps"]
+            self.leave(
+                leaps(slip, self.numbers["time_s"], self.series),
+                "the slip velocity leaps, for this row alone, further than a wheel can be "
+                "accelerated",
+                slip,
+                " m/s",
+            )
 
 
 def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.ndarray:
@@ -123,112 +325,16 @@ def _outside(values: np.ndarray, quantity: str) -> np.ndarray:
     return found
 
 
-def _said(values: np.ndarray, outside: np.ndarray, source: Taken, first_row: int) -> str:
-    """The first value that cannot be, as a clause."""
-    place = int(outside.argmax())
-    value = float(values[place])
+def _said(row: int, value: float, source: Taken) -> str:
+    """A value that cannot be, as a clause."""
     column = COLUMNS[source.quantity]
     unit = "" if column.unit == "1" else f" {column.unit}"
     to = source.conversion
     written = "" if to == (1.0, 0.0) else f" ({to.back(value):g} {source.unit})"
-    where = f"row {first_row + place} of column {source.column} has {value:.6g}{unit}{written}"
+    where = f"row {row} of column {source.column} has {value:.6g}{unit}{written}"
     if source.quantity in _LOADS:
         return f"{where}, under {percent(_LIFTED)} of the usual load ({column.advice})"
     return f"{where}, outside {column.span} ({column.advice})"
-
-
-class Rows:
-    """Numbers and labels of the rows that are used, [rows], by the names they are taken as.
-
-    They are changed in place, for two copies of the columns of a long log do not fit in memory.
-    """
-
-    def __init__(self, read: Gathered, first_row: int, rows_of_file: int) -> None:
-        self.numbers: dict[str, np.ndarray] = read.numbers
-        self.labels: Mapping[str, pd.Categorical] = _within_files(
-            read.labels, read.numbers.get("time_s")
-        )
-        #: The numbers that a user sees of the rows.
-        self.index: pd.Index = pd.RangeIndex(first_row, first_row + rows_of_file)
-        if read.rows > rows_of_file:  # repeats, one below the other
-            self.index = pd.Index(np.tile(self.index, read.rows // rows_of_file))
-
-    @property
-    def count(self) -> int:
-        return len(self.index)
-
-    @property
-    def series(self) -> np.ndarray:
-        """A number for each run and axle, [rows]."""
-        return series_of(self.labels, self.count)
-
-    def keep(self, rows: np.ndarray) -> None:
-        """Keeps some of the rows, [rows], bool."""
-        if rows.all():
-            return
-        for name in self.numbers:
-            self.numbers[name] = self.numbers[name][rows]
-        self.labels = {name: of[rows] for name, of in self.labels.items()}
-        self.index = self.index[rows]
-
-    def in_time(self, column: str) -> list[str]:
-        """Makes time go on within each run and axle where the clock stepped back; sentences."""
-        if "time_s" not in self.numbers:
-            return []
-        time, used, notes = with_clock(self.numbers["time_s"], self.series, column, self.index)
-        self.numbers["time_s"] = time
-        self.keep(used)
-        return notes
-
-    def labelled(self) -> list[str]:
-        """Keeps the rows that have a run, an axle and so on where there is such a column."""
-        notes = []
-        for name in LABELS:
-            if name == "mode" or name not in self.labels:
-                continue
-            used = np.asarray(self.labels[name] != "")
-            if not used.all():
-                notes.append(f"{of_rows(~used)} the {name} is not named.")
-                self.keep(used)
-        modes = self.labels["mode"].categories if "mode" in self.labels else ()
-        strange = [one for one in modes if one.lower() not in {"", *MODES}]
-        if strange:
-            own = {"mode": "mode (as it is)"}
-            self.labels = {own.get(name, name): of for name, of in self.labels.items()}
-            notes.append(
-                f"The column mode keeps its labels, which are none of {listed([*MODES])}: "
-                f"{listed(strange[:3])}."
-            )
-        return notes
-
-    def within(self, computed: Iterable[str]) -> list[str]:
-        """Keeps the rows whose computed values are not beyond what the others show; sentences."""
-        notes = []
-        for name in computed:
-            wrong = ~np.isfinite(self.numbers[name]) | _outside(self.numbers[name], name)
-            if wrong.any():
-                place = int(wrong.argmax())
-                notes.append(
-                    f"{of_rows(wrong)} {name} comes out beyond what it is in the others; the first "
-                    f"is row {self.index[place]}, with {number(float(self.numbers[name][place]))}."
-                )
-                self.keep(~wrong)
-        return notes
-
-    def without_leaps(self) -> list[str]:
-        """Keeps the rows in which the speed of the wheel does not leap for one row; sentences."""
-        if not {"slip_velocity_mps", "time_s"} <= {*self.numbers}:
-            return []
-        wrong = leaps(self.numbers["slip_velocity_mps"], self.numbers["time_s"], self.series)
-        if not wrong.any():
-            return []
-        place = int(wrong.argmax())
-        index, slip = self.index[place], float(self.numbers["slip_velocity_mps"][place])
-        self.keep(~wrong)
-        return [
-            f"{of_rows(wrong)} the slip velocity leaps, for this row alone, further than a wheel "
-            f"can be accelerated; the first is row {index}, with {number(slip)} m/s."
-        ]
 
 
 def _within_files(

@@ -8,7 +8,8 @@ from adhesion_jax.data.lateness import best_lag, grid_of, lateness
 
 
 def delay_between(time, first, second, run):
-    return best_lag(grid_of(time, run, {"first": first, "second": second}), "first", "second")
+    grid = grid_of(time, run, {"first": first, "second": second})
+    return best_lag(grid, *grid.signals.values())
 
 
 def wavy(seed, rows=6000, step=0.05):
