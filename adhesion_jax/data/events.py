@@ -91,19 +91,6 @@ class Chosen(NamedTuple):
     sentence: str  # what is used, and why; empty for a table that nobody would take for a log
 
 
-class _Averaged(NamedTuple):
-    """A log in stretches without a gap; arrays [rows]."""
-
-    time: np.ndarray
-    speed: np.ndarray | None
-    slip: np.ndarray  # averaged over the window
-    first: np.ndarray  # [stretches] first row
-    stop: np.ndarray  # [stretches] the row after the last
-    window: int  # rows
-    hold: int  # rows
-    lag: int  # rows
-
-
 def events_of(
     tables: Sequence[Measured], wanted: bool | None = None, fewest: int = LONG
 ) -> list[Chosen]:
@@ -165,190 +152,192 @@ def _chosen(measured: Measured, wanted: bool | None, fewest: int) -> Chosen:
         )
     if wanted is False or lacking or (wanted is None and len(table) < fewest):
         return Chosen(measured, None, _all(table, "as asked for") if wanted is False else "")
-    least = LEAST[measured.slip]
-    log = _averaged(measured)
-    noise = _noise(log)
-    first, stop = _spans(log, noise, least)
-    if wanted is None:
-        share = float(np.sum(stop - first)) / len(table)
-        usual = noise.constant  # the standard deviation of the averaged slip at the median speed
-        if log.speed is not None:
-            some = log.speed[:: _stride(log.speed.size)]
-            usual = float(noise.deviation(np.median(some, keepdims=True))[0])
-        if share > MOST or usual > least:
-            many = f"{percent(share)} of them lie in slip events"
-            why = many if share > MOST else f"slip scatters by {usual:.2g} all along"
-            return Chosen(measured, None, _all(table, why))
-    events = _events(measured, log, noise, first, stop)
-    run = np.repeat(events.table["run"].to_numpy(), stop - first)
-    rows = np.arange(run.size) + np.repeat(stop - np.cumsum(stop - first), stop - first)
+    log = _Log(measured)
+    if wanted is None and (why := log.slips_throughout):
+        return Chosen(measured, None, _all(table, why))
+    events, count = log.events, log.stop - log.start
+    run = np.repeat(events.table["run"].to_numpy(), count)
+    rows = np.arange(run.size) + np.repeat(log.stop - np.cumsum(count), count)
     points = measured._replace(table=table.take(rows).assign(run=run))
-    said = _cut(measured, events, log) if first.size else _no_event(measured, log, noise)
-    return Chosen(points, events, said)
+    return Chosen(points, events, log.cut(events) if run.size else log.no_event)
 
 
-def _averaged(measured: Measured) -> _Averaged:
-    table = measured.table
-    time = table["time_s"].to_numpy(float)
-    speed = None
-    if measured.slip == "slip_ratio" and "vehicle_speed_mps" in table:
-        speed = table["vehicle_speed_mps"].to_numpy(float)
-    some = np.arange(0, time.size - 1, _stride(time.size))
-    steps = time[some + 1] - time[some]
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    # The first row after a gap; the steps themselves would take as much memory as the time.
-    limit = max(GAP_STEPS * step, GAP_S)
-    after_gap = np.concatenate([[0], 1 + np.flatnonzero(time[1:] > time[:-1] + limit)])
-    first, stop = after_gap, np.append(after_gap[1:], time.size)
-    slip = np.empty(time.size, dtype=np.float32)
-    raw = table[measured.slip].to_numpy(float)
+class _Log:
+    """A log in stretches without a gap, and where its events are; arrays [rows]."""
 
-    def rows(seconds: float) -> int:
-        return round(seconds / step) if step else 0
+    def __init__(self, measured: Measured) -> None:
+        table = measured.table
+        self.measured, self.name = measured, _short(measured)
+        self.unit = "" if measured.slip == "slip_ratio" else " m/s"
+        self.time = time = table["time_s"].to_numpy(float)
+        self.speed = None
+        if not self.unit and "vehicle_speed_mps" in table:
+            self.speed = table["vehicle_speed_mps"].to_numpy(float)
+        some = np.arange(0, time.size - 1, _stride(time.size))
+        steps = time[some + 1] - time[some]
+        step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        # The first row after a gap; the steps themselves would take as much memory as the time.
+        limit = max(GAP_STEPS * step, GAP_S)
+        self.edges = np.append(0, 1 + np.flatnonzero(time[1:] > time[:-1] + limit))
 
-    window = 1 + 2 * rows(WINDOW_S / 2)
-    for begin, end in zip(first, stop, strict=True):
-        scipy.ndimage.uniform_filter1d(
-            raw[begin:end], window, output=slip[begin:end], mode="nearest"
+        def rows(seconds: float) -> int:
+            return round(seconds / step) if step else 0
+
+        self.window, self.lag = 1 + 2 * rows(WINDOW_S / 2), max(1, rows(LAG_S))
+        self.slip = np.empty(time.size, dtype=np.float32)  # averaged over the window
+        raw = table[measured.slip].to_numpy(float)
+        for part in map(slice, self.edges, np.append(self.edges[1:], time.size)):
+            scipy.ndimage.uniform_filter1d(
+                raw[part], self.window, output=self.slip[part], mode="nearest"
+            )
+        self.noise = self._noise()
+        #: First rows of the events, and the rows after their last.
+        self.start, self.stop = self._spans(max(HOLD_ROWS, rows(HOLD_S)))
+
+    def _noise(self) -> SlipNoise:
+        """From medians, which a few events do not move.
+
+        What depends on the speed is told by the change of slip over LAG_S, in which the micro-slip
+        hardly changes: in classes of speed its squared scale is a straight line against 1/v^2,
+        fitted by the median of slopes (Sen 1968, J. Am. Stat. Assoc. 63:1379-1389).
+        """
+        slip = self.slip
+        rows = np.arange(0, slip.size, _stride(slip.size))
+        median = float(np.median(slip[rows]))
+        constant = _NORMAL * float(np.median(np.abs(slip[rows] - median)))
+        rows = rows[rows < slip.size - self.lag]
+        if self.speed is None or not rows.size:
+            return SlipNoise(median, constant, 0.0)
+        change = np.abs(slip[rows + self.lag] - slip[rows])
+        inverse = self.speed[rows] ** -2.0
+        order = np.argsort(inverse, kind="stable")
+        classes = np.array_split(order, min(_CLASSES, order.size))
+        centre = np.array([np.median(inverse[one]) for one in classes])
+        # The change is that of two averages.
+        square = np.array([(_NORMAL * np.median(change[one])) ** 2 / 2 for one in classes])
+        slope = float(scipy.stats.theilslopes(square, centre).slope) if np.ptp(centre) else 0.0
+        return SlipNoise(median, constant, max(slope, 0.0) ** 0.5)
+
+    def _spans(self, hold: int) -> tuple[np.ndarray, np.ndarray]:
+        """First rows of the events, and the rows after their last; they hold for so many rows."""
+        above = np.empty(self.slip.size, dtype=bool)
+        for begin in range(0, above.size, _SAMPLE):
+            part = slice(begin, begin + _SAMPLE)
+            speed = np.ones(1) if self.speed is None else self.speed[part]
+            threshold = np.maximum(NOISES * self.noise.deviation(speed), LEAST[self.measured.slip])
+            level = np.abs(self.slip[part] - self.noise.median) / threshold
+            above[part] = level.astype(np.float32) > 1
+        before, after = np.append(False, above[:-1]), np.append(above[1:], False)
+        before[self.edges] = False
+        after[self.edges[1:] - 1] = False
+        start, stop = np.flatnonzero(above & ~before), 1 + np.flatnonzero(above & ~after)
+        held = stop - start >= hold
+        start, stop = start[held], stop[held]
+        stretch = np.searchsorted(self.edges, start, "right")
+        early = np.searchsorted(self.time, self.time[start] - LEAD_S, "left")
+        late = np.searchsorted(self.time, self.time[stop - 1] + LEAD_S, "right")
+        start = np.maximum(early, self.edges[stretch - 1])
+        stop = np.minimum(late, np.append(self.edges, self.time.size)[stretch])
+        apart = start[1:] >= stop[:-1]
+        return (
+            start[np.append(True, apart)[: start.size]],
+            stop[np.append(apart, True)[: stop.size]],
         )
-    hold, lag = max(HOLD_ROWS, rows(HOLD_S)), max(1, rows(LAG_S))
-    return _Averaged(time, speed, slip, first, stop, window, hold, lag)
+
+    @property
+    def slips_throughout(self) -> str:
+        """Why no events are cut out, as the wheel slips most of the time; empty where they are."""
+        share = float(np.sum(self.stop - self.start)) / self.time.size
+        usual = self.noise.constant  # the deviation of the averaged slip at the median speed
+        if self.speed is not None:
+            some = self.speed[:: _stride(self.speed.size)]
+            usual = float(self.noise.deviation(np.median(some, keepdims=True))[0])
+        if share > MOST:
+            return f"{percent(share)} of them lie in slip events"
+        if usual > LEAST[self.measured.slip]:
+            return f"slip scatters by {usual:.2g} all along"
+        return ""
+
+    @property
+    def events(self) -> Events:
+        adhesion = self.measured.table["adhesion"].to_numpy(float)
+        largest = np.empty((2, self.start.size))
+        for number, rows in enumerate(map(slice, self.start, self.stop)):
+            inside = self.slip[rows]
+            level = scipy.ndimage.uniform_filter1d(adhesion[rows], self.window, mode="nearest")
+            largest[0, number] = inside[np.argmax(np.abs(inside - self.noise.median))]
+            largest[1, number] = level[np.argmax(np.abs(level))]
+        begin, end = self.time[self.start], self.time[self.stop - 1]
+        columns = {
+            "run": np.arange(1, begin.size + 1).astype(str),
+            "start_s": begin,
+            "end_s": end,
+            "duration_s": end - begin,
+            "mode": np.where(largest[0] < self.noise.median, "braking", "traction"),
+            "largest_slip": largest[0],
+            "largest_adhesion": largest[1],
+            "rows": self.stop - self.start,
+        }
+        table, slip = pd.DataFrame(columns), self.measured.slip
+        return Events(table, self.time.size, slip, self.noise, self._overview)
+
+    @property
+    def _overview(self) -> pd.DataFrame:
+        edges = np.linspace(self.time[0], self.time[-1], _PLACES + 1)
+        place = np.searchsorted(self.time, edges[:-1], "left")
+        # Between two equal places reduceat takes one row where there is none.
+        empty = np.append(np.diff(place), 1) == 0
+        table = {"start_s": edges[:-1], "end_s": edges[1:]}
+        for name, values in (("slip", self.slip), ("speed", self.speed)):
+            for end, of in (("low", np.fmin), ("high", np.fmax)):
+                there = np.nan if values is None else of.reduceat(values, place)
+                table[f"{name}_{end}"] = np.where(empty, np.nan, there)
+        return pd.DataFrame(table)
+
+    def cut(self, events: Events) -> str:
+        """How many events were cut out, and by which threshold."""
+        count, rows = len(events.table), int(events.table["rows"].sum())
+        braking = int((events.table["mode"] == "braking").sum())
+        seconds = self.time[-1] - self.time[0]
+        lasted = f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"
+        sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
+        return (
+            f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {self.name} "
+            f"({lasted}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
+            f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
+            f"begins where the slip exceeds {self._threshold}; the {LEAD_S:g} s before and after "
+            "it belong to it."
+        )
+
+    @property
+    def no_event(self) -> str:
+        """Why no curve can be learnt from a log that does not slip, and what to do."""
+        row = int(np.argmax(np.abs(self.slip - self.noise.median)))
+        return (
+            f"{self.measured.name} has no slip event: its slip nowhere exceeds {self._threshold}, "
+            f"and is {self.slip[row]:.2g}{self.unit} at most, at {self.time[row]:.6g} s; give a "
+            "log in which the wheel slips, or use all rows by --whole."
+        )
+
+    @property
+    def _threshold(self) -> str:
+        """The threshold in words that follow `exceeds`."""
+        noise, least = self.noise, LEAST[self.measured.slip]
+        spread = f"{noise.constant:.2g}"
+        if noise.by_speed:
+            spread = f"sqrt({noise.constant:.2g}^2 + ({noise.by_speed:.2g} m/s / speed)^2)"
+        return (
+            f"both {NOISES:g} times its usual scatter of {spread} and {least:g}{self.unit} for "
+            f"{HOLD_S:g} s (averaged over {WINDOW_S:g} s and less its median of {noise.median:.2g})"
+        )
 
 
 def _stride(rows: int) -> int:
     return max(1, rows // _SAMPLE)
 
 
-def _runs(flag: np.ndarray, breaks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First rows, and the rows after the last, of what is true without a break."""
-    before, after = np.append(False, flag[:-1]), np.append(flag[1:], False)
-    before[breaks] = False
-    after[breaks[breaks > 0] - 1] = False
-    return np.flatnonzero(flag & ~before), 1 + np.flatnonzero(flag & ~after)
-
-
-def _noise(log: _Averaged) -> SlipNoise:
-    """From medians, which a few events do not move.
-
-    What depends on the speed is told by the change of slip over LAG_S, in which the micro-slip
-    hardly changes: in classes of speed its squared scale is a straight line against 1/v^2, fitted
-    by the median of slopes (Sen 1968, J. Am. Stat. Assoc. 63:1379-1389).
-    """
-    rows = np.arange(0, log.slip.size, _stride(log.slip.size))
-    median = float(np.median(log.slip[rows]))
-    constant = _NORMAL * float(np.median(np.abs(log.slip[rows] - median)))
-    rows = rows[rows < log.slip.size - log.lag]
-    if log.speed is None or not rows.size:
-        return SlipNoise(median, constant, 0.0)
-    change = np.abs(log.slip[rows + log.lag] - log.slip[rows])
-    inverse = log.speed[rows] ** -2.0
-    order = np.argsort(inverse, kind="stable")
-    classes = np.array_split(order, min(_CLASSES, order.size))
-    centre = np.array([np.median(inverse[one]) for one in classes])
-    # The change is that of two averages.
-    square = np.array([(_NORMAL * np.median(change[one])) ** 2 / 2 for one in classes])
-    slope = float(scipy.stats.theilslopes(square, centre).slope) if np.ptp(centre) else 0.0
-    return SlipNoise(median, constant, max(slope, 0.0) ** 0.5)
-
-
-def _spans(log: _Averaged, noise: SlipNoise, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """First rows of the events, and the rows after their last."""
-    level = np.empty(log.slip.size, dtype=np.float32)  # of the threshold
-    for begin in range(0, level.size, _SAMPLE):
-        part = slice(begin, begin + _SAMPLE)
-        speed = np.ones(1) if log.speed is None else log.speed[part]
-        threshold = np.maximum(NOISES * noise.deviation(speed), least)
-        level[part] = np.abs(log.slip[part] - noise.median) / threshold
-    first, stop = _runs(level > 1, log.first)
-    held = stop - first >= log.hold
-    first, stop = first[held], stop[held]
-    stretch = np.searchsorted(log.first, first, "right") - 1
-    early = np.searchsorted(log.time, log.time[first] - LEAD_S, "left")
-    late = np.searchsorted(log.time, log.time[stop - 1] + LEAD_S, "right")
-    first = np.maximum(early, log.first[stretch])
-    stop = np.minimum(late, log.stop[stretch])
-    apart = first[1:] >= stop[:-1]
-    return first[np.append(True, apart)[: first.size]], stop[np.append(apart, True)[: stop.size]]
-
-
-def _events(
-    measured: Measured, log: _Averaged, noise: SlipNoise, first: np.ndarray, stop: np.ndarray
-) -> Events:
-    adhesion = measured.table["adhesion"].to_numpy(float)
-    largest = np.empty((2, first.size))
-    for number, rows in enumerate(map(slice, first, stop)):
-        slip = log.slip[rows]
-        level = scipy.ndimage.uniform_filter1d(adhesion[rows], log.window, mode="nearest")
-        largest[0, number] = slip[np.argmax(np.abs(slip - noise.median))]
-        largest[1, number] = level[np.argmax(np.abs(level))]
-    start, end = log.time[first], log.time[stop - 1]
-    columns = {
-        "run": np.arange(1, first.size + 1).astype(str),
-        "start_s": start,
-        "end_s": end,
-        "duration_s": end - start,
-        "mode": np.where(largest[0] < noise.median, "braking", "traction"),
-        "largest_slip": largest[0],
-        "largest_adhesion": largest[1],
-        "rows": stop - first,
-    }
-    return Events(pd.DataFrame(columns), log.time.size, measured.slip, noise, _overview(log))
-
-
-def _overview(log: _Averaged) -> pd.DataFrame:
-    edges = np.linspace(log.time[0], log.time[-1], _PLACES + 1)
-    place = np.searchsorted(log.time, edges[:-1], "left")
-    # Between two equal places reduceat takes one row where there is none.
-    empty = np.append(np.diff(place), 1) == 0
-    table = {"start_s": edges[:-1], "end_s": edges[1:]}
-    for name, values in (("slip", log.slip), ("speed", log.speed)):
-        for end, of in (("low", np.fmin), ("high", np.fmax)):
-            there = None if values is None else of.reduceat(values, place)
-            table[f"{name}_{end}"] = np.where(empty, np.nan, np.nan if there is None else there)
-    return pd.DataFrame(table)
-
-
 def _all(table: pd.DataFrame, why: str) -> str:
     return f"All {len(table):,} rows are used: {why}."
-
-
-def _cut(measured: Measured, events: Events, log: _Averaged) -> str:
-    count, rows = len(events.table), int(events.table["rows"].sum())
-    braking = int((events.table["mode"] == "braking").sum())
-    seconds = log.time[-1] - log.time[0]
-    lasted = f"{seconds / 3600:.2g} h" if seconds >= 5400 else f"{seconds / 60:.2g} min"
-    sides = f" ({count - braking} in traction, {braking} in braking)" if braking else ""
-    return (
-        f"{count} slip event{'s' if count > 1 else ''}{sides} cut out of {_short(measured)} "
-        f"({lasted}) {'are runs' if count > 1 else 'is the run'}: {rows:,} of "
-        f"{events.rows:,} rows with a slip are used ({percent(events.share)}). An event "
-        f"begins where the slip exceeds {_threshold(events.noise, events.slip)}; the {LEAD_S:g} s "
-        f"before and after it belong to it."
-    )
-
-
-def _threshold(noise: SlipNoise, slip: str) -> str:
-    """The threshold in words that follow `exceeds`."""
-    spread = f"{noise.constant:.2g}"
-    if noise.by_speed:
-        spread = f"sqrt({noise.constant:.2g}^2 + ({noise.by_speed:.2g} m/s / speed)^2)"
-    unit = "" if slip == "slip_ratio" else " m/s"
-    return (
-        f"both {NOISES:g} times its usual scatter of {spread} and {LEAST[slip]:g}{unit} for "
-        f"{HOLD_S:g} s (averaged over {WINDOW_S:g} s and less its median of {noise.median:.2g})"
-    )
-
-
-def _no_event(measured: Measured, log: _Averaged, noise: SlipNoise) -> str:
-    """Why no curve can be learnt from a log that does not slip, and what to do."""
-    unit = "" if measured.slip == "slip_ratio" else " m/s"
-    size = np.abs(log.slip - noise.median)
-    row = int(np.argmax(size))
-    return (
-        f"{measured.name} has no slip event: its slip nowhere exceeds "
-        f"{_threshold(noise, measured.slip)}, and is {log.slip[row]:.2g}{unit} at most, at "
-        f"{log.time[row]:.6g} s; give a log in which the wheel slips, or use all rows by --whole."
-    )
 
 
 def _short(measured: Measured) -> str:

@@ -33,51 +33,11 @@ _MOST_LABELS = 40
 #: Numbers beyond this size cannot be squared and summed.
 _LARGEST = 1e100
 
-#: Room for more rows that a full column is given, as a share of those that it has.
-_MORE = 0.125
-
-
-class _Column:
-    """A column that grows: a list of its blocks, joined at the end, would take twice its memory."""
-
-    def __init__(self, kind: type = float) -> None:
-        self.room: np.ndarray = np.empty(0, kind)
-        self.size = 0
-
-    def add(self, block: np.ndarray) -> None:
-        end = self.size + block.size
-        if end > self.room.size:
-            self.room.resize(max(end, int((1 + _MORE) * self.room.size)), refcheck=False)
-        self.room[self.size : end] = block
-        self.size = end
-
-    def whole(self) -> np.ndarray:
-        self.room.resize(self.size, refcheck=False)
-        return self.room
-
-
-class _Labels:
-    """Labels as they come, each held once, and a number a row in the place of the text."""
-
-    def __init__(self) -> None:
-        self.codes = _Column(np.int32)
-        self.names: dict[str, int] = {}
-
-    def add(self, cells: pyarrow.Array) -> None:
-        encoded = _text(cells).dictionary_encode()
-        numbers = [
-            self.names.setdefault(name, len(self.names)) for name in encoded.dictionary.to_pylist()
-        ]
-        self.codes.add(np.array(numbers, np.int32)[encoded.indices.to_numpy()])
-
-    def whole(self) -> pd.Categorical:
-        return pd.Categorical.from_codes(self.codes.whole(), pd.Index([*self.names], dtype="str"))
-
 
 def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float], None]) -> Rows:
     """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
-    columns = {one.name: _Column() for one in taken if one.name not in LABELS}
-    labels = {one.name: _Labels() for one in taken if one.name in LABELS}
+    columns: dict[str, list[np.ndarray]] = {n.name: [] for n in taken if n.name not in LABELS}
+    labels: dict[str, list[pyarrow.Array]] = {n.name: [] for n in taken if n.name in LABELS}
     texts: dict[str, tuple[int, str]] = {}
     origin: int | None = None
     mark, first_row = sheet.mark, sheet.first_row
@@ -87,7 +47,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
         for one in taken:
             cells = block[one.column]
             if one.name in labels:
-                labels[one.name].add(cells)
+                labels[one.name].append(_text(cells).dictionary_encode())
                 continue
             if one.stamp:
                 ticks, text = stamps(cells, one.stamp)
@@ -101,34 +61,40 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
             of_labels = text.size > MOST * (text.size + np.isfinite(values).sum())
             if of_labels and one.quantity not in COLUMNS and first_row == sheet.first_row:
                 del columns[one.name]
-                labels[one.name] = _Labels()
-                labels[one.name].add(cells)
+                labels[one.name] = [_text(cells).dictionary_encode()]
                 continue
             if text.size:
                 place = int(text[0])
                 first = _text_fault(first_row + place, one.column, cells[place].as_py())
                 count, first = texts.get(one.name, (0, first))
                 texts[one.name] = count + text.size, first
-            columns[one.name].add(values)
+            columns[one.name].append(np.array(values))  # not the memory of the block
         first_row += len(next(iter(block.values()), ()))
         progress("reading", share)
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
-    found = {name: column.whole() for name, column in columns.items()}
+    found, named = {}, {}
+    for name in [*columns]:  # one after the other, so that one column alone is held twice
+        found[name] = np.concatenate([np.empty(0), *columns.pop(name)])
+    for name, blocks in labels.items():
+        kind = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
+        whole = pyarrow.chunked_array(blocks, kind).unify_dictionaries().combine_chunks()
+        names = pd.Index(whole.dictionary.to_pylist(), dtype="str")
+        named[name] = pd.Categorical.from_codes(whole.indices.to_numpy(), names)
     for one in taken:
         if one.stamp == TIME_OF_DAY:  # it goes on past midnight
             found[one.name] = unwrapped(found[one.name])
     left_out = {one.name: _unfit(one, found[one.name]) for one in taken if one.name in found}
     left_out |= {
-        name: f"it has {len(one.names)} different texts, and labels are at most {_MOST_LABELS}"
-        for name, one in labels.items()
-        if name not in LABELS and len(one.names) > _MOST_LABELS
+        name: f"it has {len(of.categories)} different texts, and labels are at most {_MOST_LABELS}"
+        for name, of in named.items()
+        if name not in LABELS and len(of.categories) > _MOST_LABELS
     }
     left_out = {name: reason for name, reason in left_out.items() if reason}
     return Rows(
         {name: values for name, values in found.items() if name not in left_out},
-        {name: label.whole() for name, label in labels.items() if name not in left_out},
+        {name: label for name, label in named.items() if name not in left_out},
         pd.RangeIndex(sheet.first_row, first_row),
         texts,
         left_out,

@@ -28,20 +28,22 @@ class Grouping(NamedTuple):
     blocks: bool = False  # contiguous blocks of one run take the place of runs
 
 
-def group(files: Sequence[Measured]) -> Grouping:
-    """The runs of all tables: by the column run, else by gaps in time_s, else a file is a run.
+def group(measured: Measured) -> Grouping:
+    """The runs of a table: by the column run, else by gaps in time_s, else by the file, if any.
 
-    With a time each axle has runs of its own, for its rows are a signal of their own. No run
-    reaches over two files: a name that stands in several of them is named file:name.
+    With a time each axle has runs of its own, for its rows are a signal of their own.
     """
-    parts = [_runs_of(file.table) for file in files]
-    in_files = Counter(name for _, names in parts for name in names)
-    runs: list[np.ndarray] = []
-    all_names: list[str] = []
-    for file, (codes, names) in zip(files, parts, strict=True):
-        runs.append(codes.astype(np.int32) + np.int32(len(all_names)))
-        all_names += [f"{file.name}:{name}" if in_files[name] > 1 else name for name in names]
-    return Grouping(np.concatenate(runs), tuple(all_names))
+    table = measured.table
+    label = next((one for one in ("run", "file") if one in table), "")
+    if label == "run" or (label and "time_s" not in table):
+        codes, names = pd.factorize(table[label])
+        return Grouping(codes.astype(np.int32), tuple(map(str, names)))
+    codes = np.zeros(len(table), np.int32)
+    if "time_s" in table:
+        axle = table["axle"].cat.codes if "axle" in table else codes
+        for number, rows in enumerate(stretches(table["time_s"].to_numpy(), np.asarray(axle))):
+            codes[rows] = number
+    return Grouping(codes, tuple(map(str, range(1, int(codes.max(initial=0)) + 2))))
 
 
 def in_blocks(grouping: Grouping) -> Grouping:
@@ -71,24 +73,10 @@ def places(starts: np.ndarray, lengths: np.ndarray, points: int) -> tuple[np.nda
     return held, step < lengths[:, None]
 
 
-def _runs_of(table: pd.DataFrame) -> tuple[np.ndarray, Sequence[str]]:
-    """The number of the run of each row of a table, in the order in which runs begin, and names."""
-    label = next((one for one in ("run", "file") if one in table), "")
-    if label == "run" or (label and "time_s" not in table):
-        codes, names = pd.factorize(table[label])
-        return codes, [str(name) for name in names]
-    if "time_s" not in table:
-        return np.zeros(len(table), dtype=int), ["1"]
-    axle = table["axle"].cat.codes if "axle" in table else np.zeros(len(table), np.int8)
-    codes = np.zeros(len(table), np.int32)
-    for number, rows in enumerate(stretches(table["time_s"].to_numpy(), np.asarray(axle))):
-        codes[rows] = number
-    return codes, [str(number) for number in range(1, int(codes.max(initial=0)) + 2)]
-
-
 def as_one(files: Sequence[Measured]) -> Measured:
-    """Measured tables as one, with the columns that all have and the runs of all (`group`).
+    """Measured tables as one, with the columns that all have, and the runs of all (`group`).
 
+    No run reaches over two files: a name that stands in several of them is named file:name.
     InputError where slip is a ratio in some files and a velocity in others.
     """
     if len(files) == 1:
@@ -104,8 +92,16 @@ def as_one(files: Sequence[Measured]) -> Measured:
     names = dict.fromkeys(str(name) for table in tables for name in table if name != "run")
     shared = [name for name in names if all(name in table for table in tables)]
     columns = {name: _one_after_the_other([table[name] for table in tables]) for name in shared}
-    grouping = group(files)
-    columns["run"] = np.array(grouping.names, dtype=object)[grouping.run]
+    parts = [group(file) for file in files]
+    in_files = Counter(name for part in parts for name in part.names)
+    columns["run"] = np.concatenate(
+        [
+            np.array([f"{file.name}:{n}" if in_files[n] > 1 else n for n in part.names], object)[
+                part.run
+            ]
+            for file, part in zip(files, parts, strict=True)
+        ]
+    )
     left_out = tuple(dict.fromkeys(name for file in files for name in file.left_out))
     incomplete = [
         f"The column {name} is left out: not every file has it."

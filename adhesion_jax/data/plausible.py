@@ -1,6 +1,6 @@
 """Whether values are of the size that their unit gives, and agree with what else a log tells."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -107,13 +107,11 @@ _WHOLE_SLIP = 1.5
 
 #: The adhesion that nine rows in ten do not exceed is of this size, from oil to a racing tyre.
 _ADHESIONS = (1e-3, 5.0)
-_FORCES = (*UNDECIDED["force"], "motor_torque_Nm")
-_LOADS = UNDECIDED["load"]
+_OF_ADHESION = (*UNDECIDED["force"], "motor_torque_Nm", *UNDECIDED["load"])
 
 
-def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Sequence[str]:
+def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Iterator[str]:
     """Warnings where a column is of the size that another unit would give."""
-    found = []
     for name, source in taken.items():
         if name not in COLUMNS or name not in columns or not columns[name].size:
             continue
@@ -121,29 +119,26 @@ def unusual(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Se
         largest = float(np.max(np.abs(columns[name])))
         unit = COLUMNS[name].unit
         if not least <= largest <= most:
-            found.append(
+            yield (
                 f"Check the unit of column {source.column}: its largest value, {largest:g} {unit}, "
                 f"is unusual for this quantity ({least:g} to {most:g} {unit})."
             )
     slip = taken.get("slip_ratio")
-    if (
-        slip is not None
-        and _may_be_percent(slip)
-        and np.quantile(np.abs(columns["slip_ratio"]), 0.9) > _LARGE_SLIP
-    ):
-        found.append(
+    if slip is not None and _may_be_percent(slip) and _reached(columns["slip_ratio"]) > _LARGE_SLIP:
+        yield (
             f"Check the unit of column {slip.column}: a tenth of its slips exceed {_LARGE_SLIP}, "
             "which is unusual for ratios (they may be in per cent)."
         )
-    return found
 
 
-def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
+def refuse_other_units(
+    columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]
+) -> Iterator[str]:
     """InputError that asks for a unit where slip or adhesion, [rows], have the size of another one.
 
     Where the user said the units, it is a warning.
     """
-    slip = taken.get("slip_ratio")
+    slip, adhesion = taken.get("slip_ratio"), taken.get("adhesion")
     if slip is not None and _may_be_percent(slip) and _reached(columns["slip_ratio"]) > _WHOLE_SLIP:
         raise InputError(
             f"a tenth of the slips of column {slip.column} exceed {_WHOLE_SLIP} (give the slip as "
@@ -152,25 +147,22 @@ def refuse_other_units(columns: Mapping[str, np.ndarray], taken: Mapping[str, Ta
         )
     said = no_contact_has(columns["adhesion"])
     if not said:
-        return []
-    given = taken.get("adhesion")
-    if given is not None:
-        sources = [given]
-        advice = (
-            "give it as force over load, not in per cent, or say "
-            f'--column "adhesion={given.column} [%]"; where it is right, '
-            f'--column "adhesion={given.column} [1]"'
-        )
-    else:
-        sources = [taken[name] for name in (*_FORCES, *_LOADS) if name in taken]
-        answers = [
-            f'--column "{COLUMNS[one.name].plain}={named(one.column).stem} [UNIT]"'
-            for one in sources
-        ]
-        advice = f"check the units of force and load; say them by {listed(answers)}"
+        return
+    sources = [adhesion] if adhesion else [taken[name] for name in _OF_ADHESION if name in taken]
     if all(one.said for one in sources):
         least, most = _ADHESIONS
-        return [f"Check the units: {said}, which is unusual ({least:g} to {most:g})."]
+        yield f"Check the units: {said}, which is unusual ({least:g} to {most:g})."
+        return
+    answers = [
+        f'--column "{COLUMNS[one.name].plain}={named(one.column).stem} [UNIT]"' for one in sources
+    ]
+    advice = f"check the units of force and load; say them by {listed(answers)}"
+    if adhesion is not None:
+        advice = (
+            "give it as force over load, not in per cent, or say "
+            f'--column "adhesion={adhesion.column} [%]"; where it is right, '
+            f'--column "adhesion={adhesion.column} [1]"'
+        )
     raise InputError(f"{said}, which no contact has ({advice})")
 
 
@@ -186,7 +178,7 @@ def no_contact_has(adhesion: np.ndarray) -> str:
 def slip_beside_speeds(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
     """A sentence where a measured slip ratio is not that of the two speeds beside it, [rows]."""
     names = ("slip_ratio", "wheel_speed_mps", "vehicle_speed_mps")
-    if "slip_ratio" not in taken or not all(name in columns for name in names):
+    if "slip_ratio" not in taken or not {*names} <= {*columns}:
         return []
     slip, wheel, train = (columns[name] for name in names)
     moves = train > 0
@@ -213,7 +205,7 @@ def _reached(values: np.ndarray) -> float:
     return float(np.quantile(np.abs(values), 0.9))
 
 
-def speed_warnings(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> list[str]:
+def speed_warnings(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]) -> Iterator[str]:
     """Sentences on the train speed where its unit must be wrong.
 
     The first that can be told of: the distance run, by positions; the change of the speed, by an
@@ -221,59 +213,55 @@ def speed_warnings(columns: Mapping[str, np.ndarray], taken: Mapping[str, Taken]
     these tells nothing of the unit.
     """
     own = taken.get("vehicle_speed_mps")
-    label = own.column if own else "vehicle_speed_mps"
+    check = f"Check the unit of column {own.column if own else 'vehicle_speed_mps'}:"
     speed, time = (columns.get(name) for name in ("vehicle_speed_mps", "time_s"))
     if speed is None or time is None or speed.size < 2:
-        return []
+        return
     step = np.diff(time)
     usual = np.median(step[step > 0]) if (step > 0).any() else np.inf
     joined = (step > 0) & (step < 10 * usual)  # within a run, and without a gap
     if not joined.any():
-        return []
+        return
     block = np.arange(step.size) * _BLOCKS // step.size
 
     def sums(values: np.ndarray) -> np.ndarray:
         return np.bincount(block, np.where(joined, values, 0.0), _BLOCKS)
 
+    # What the speed says, and what was told, with the least that counts.
+    ways = {}
     if "position_m" in columns:
-        run, moved = sums(speed[1:] * step), np.abs(sums(np.diff(columns["position_m"])))
-        factor = _typical(run, moved, 1.0)
-        if factor is not None:
-            return _of_factor(factor, label, "the distance that its positions tell")
+        moved = np.abs(sums(np.diff(columns["position_m"])))
+        ways["the distance that its positions tell"] = sums(speed[1:] * step), moved, 1.0
     if "acceleration_mps2" in columns:
-        changed, told = sums(np.diff(speed)), sums(columns["acceleration_mps2"][1:] * step)
-        factor = _typical(changed, told, _CHANGED)
+        told = sums(columns["acceleration_mps2"][1:] * step)
+        ways["the change that its acceleration tells"] = sums(np.diff(speed)), told, _CHANGED
+    for what, (by_speed, told, least) in ways.items():
+        factor = _typical(by_speed, told, least)
         if factor is not None:
-            return _of_factor(factor, label, "the change that its acceleration tells")
+            if wrong := wrong_unit(factor):
+                yield f"{check} it gives {factor:.2g} times {what}, as if {wrong}."
+            return
     within = max(round(_FOR_S / usual), 1)
     if speed.size <= within:
-        return []
+        return
     lasted = time[within:] - time[:-within]
     whole = np.isclose(lasted, within * usual, rtol=0.1)
     rate = np.abs(speed[within:] - speed[:-within])[whole] / (within * usual)
     hardest = float(np.quantile(rate, 0.999)) if rate.size else 0.0
     # In km/h already it is that of a car, or of a rig.
-    if hardest <= _HARDEST or (own and own.conversion.factor < 1):
-        return []
-    return [
-        f"Check the unit of column {label}: the speed of the train changes by {hardest:.2g} m/s in "
-        f"a second, for {_FOR_S:g} s, which no train does (it may be in km/h)."
-    ]
+    if hardest > _HARDEST and not (own and own.conversion.factor < 1):
+        yield (
+            f"{check} the speed of the train changes by {hardest:.2g} m/s in a second, for "
+            f"{_FOR_S:g} s, which no train does (it may be in km/h)."
+        )
 
 
-def _typical(by_speed: np.ndarray, told: np.ndarray, least: float) -> float | None:
-    """The median over blocks of what the speed says, as a multiple of what was told."""
-    clear = (np.abs(by_speed) > least) & (told != 0)
+def _typical(values: np.ndarray, told: np.ndarray, least: float) -> float | None:
+    """The median of values as multiples of what was told, if enough of them exceed the least."""
+    clear = (np.abs(values) > least) & (told != 0)
     if np.count_nonzero(clear) < _FEWEST:
         return None
-    return float(np.median(by_speed[clear] / told[clear]))
-
-
-def _of_factor(factor: float, label: str, what: str) -> list[str]:
-    wrong = wrong_unit(factor)
-    if not wrong:
-        return []
-    return [f"Check the unit of column {label}: it gives {factor:.2g} times {what}, as if {wrong}."]
+    return float(np.median(values[clear] / told[clear]))
 
 
 def wrong_unit(factor: float) -> str:

@@ -99,7 +99,7 @@ def to_measured(
     further numeric ones are kept as covariates. Rows with a gap in a column that is needed are left
     out, and so are those with a gap in another one that is not bridged (`Rows.bridged`), as long as
     these are few, at most that share of all; otherwise that column is left out. Whether the points
-    are of use is for `check_curve` and `adhesion_faults` to say.
+    are of use is for `check_curve` and `to_runs` to say.
     """
     return _measured(sheet_of_frame(frame, name), columns, known, silent, few)
 
@@ -167,7 +167,7 @@ def _used(
 ) -> Measured:
     """The rows of a sheet that are used, with what is derived; InputError is a clause here."""
     if not rows.count:
-        raise InputError(too_few(0))
+        raise InputError(_too_few(0))
     understood = [*_understood(found.taken, rows)]
     taken = {one.name: one for one in found.taken if one.name in rows.numbers}
     rows.set_aside(taken, {*names_needed, "time_s"})
@@ -273,22 +273,33 @@ def _format_notes(sheet: Sheet, found: Understanding, rows: Rows) -> list[str]:
 
 def check_curve(measured: Measured) -> None:
     """Raises InputError if no curve can be identified although every cell is valid."""
-    slip = measured.table[measured.slip]
+    slip, fault = measured.table[measured.slip], ""
     different = slip[:_SOME].abs().nunique()
     if different < POINTS // 2:
         different = slip.abs().nunique()
-    if len(slip) < POINTS:
-        fault = too_few(len(slip))
-    elif different < POINTS // 2:
+    if different < POINTS // 2:
         sizes = "slips of one size" if different == 1 else f"slips of {different} sizes"
         fault = f"column {slip.name} has {sizes} alone (a curve needs at least {POINTS // 2})"
-    else:
-        fault = adhesion_fault(slip, measured.table["adhesion"])
+    refuse_useless(measured, fault)
+
+
+def refuse_useless(measured: Measured, fault: str) -> None:
+    """Raises InputError for too few points, for a further fault, or for an impossible adhesion."""
+    slip, adhesion = measured.table[measured.slip], measured.table["adhesion"]
+    fault = _too_few(len(slip)) or fault or _adhesion_fault(slip, adhesion)
     if fault:
         raise InputError(f"{measured.name} cannot be used: {fault}.")
 
 
-def adhesion_fault(slip: pd.Series, adhesion: pd.Series) -> str:
+def _too_few(points: int) -> str:
+    """A clause on a table that has fewer than POINTS points; empty if it has as many."""
+    if points >= POINTS:
+        return ""
+    held = ("is a header but no point", "is one point", f"are {points} points")[min(points, 2)]
+    return f"there {held} (at least {POINTS} rows of data are needed)"
+
+
+def _adhesion_fault(slip: pd.Series, adhesion: pd.Series) -> str:
     """A clause on why the adhesion cannot belong to the slip, both [points]; empty if it can."""
     if (adhesion == 0).all():
         return "column adhesion is 0 in every row (no curve can be fitted to that)"
@@ -307,14 +318,6 @@ def adhesion_fault(slip: pd.Series, adhesion: pd.Series) -> str:
         f"radius of the wheel is {percent(abs(rolling))} off: less that slip the signs agree; "
         "correct the wheel speed by it"
     )
-
-
-def too_few(points: int) -> str:
-    """The fault of a table that has fewer than POINTS points."""
-    held = {0: "there is a header but no point", 1: "there is one point"}.get(
-        points, f"there are {points} points"
-    )
-    return f"{held} (at least {POINTS} rows of data are needed)"
 
 
 def to_record(measured: Measured) -> Record:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
 from adhesion_jax.data.grouping import Grouping, as_one, group, in_blocks, places, with_velocity
-from adhesion_jax.data.reading import POINTS, Measured, adhesion_fault, too_few
+from adhesion_jax.data.reading import Measured, refuse_useless
 from adhesion_jax.data.stretches import order_by, steps_in_runs
 from adhesion_jax.errors import InputError
 from adhesion_jax.records import Record
@@ -90,12 +90,6 @@ class RunSet(NamedTuple):
         return conditions | {"run_order": jnp.asarray(order[run])}
 
     @property
-    def rows(self) -> np.ndarray:
-        """The rows of the files at the points of `record`, [runs, points]; -1: masked."""
-        held, inside = self.layout
-        return np.where(inside, self.places[held], -1)
-
-    @property
     def weights(self) -> np.ndarray:
         """`worth` of each point of `record`, [runs, points], masked ones too."""
         return self.worth[self.layout[0]]
@@ -118,10 +112,11 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     files. A single run is cut into contiguous blocks. Needed are the columns that `read_measured`
     needs and 10 rows in all, at one slip or many.
     """
-    measured, whole = as_one(files), group(files)
+    measured = as_one(files)
+    whole = group(measured)
     grouping = in_blocks(whole)
     table, slip = with_velocity(measured.table), measured.slip
-    _refuse_useless(measured, grouping)
+    refuse_useless(measured, _fault(grouping))
     columns, named = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
     order = order_by(grouping.run)
@@ -201,25 +196,20 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     )
 
 
-def _refuse_useless(measured: Measured, grouping: Grouping) -> None:
-    """Raises InputError if the files together cannot be used although every cell is valid."""
-    table, length = measured.table, np.bincount(grouping.run)
-    if len(table) < POINTS:
-        fault = too_few(len(table))
-    elif length.size > MOST_RUNS:
-        fault = (
+def _fault(grouping: Grouping) -> str:
+    """A clause on runs that are of no use although every cell is valid; empty where they are."""
+    length = np.bincount(grouping.run)
+    if length.size > MOST_RUNS:
+        return (
             f"there are {length.size} runs (at most {MOST_RUNS} are taken: join those that belong "
             "together in the column run)"
         )
-    elif length.size > 1 and length.max() == 1:
-        fault = (
+    if length.size > 1 and length.max() == 1:
+        return (
             f"each of the {length.size} runs has one row (a run is a sweep of several; without "
             "the column run all rows are one run)"
         )
-    else:
-        fault = adhesion_fault(table[measured.slip], table["adhesion"])
-    if fault:
-        raise InputError(f"{measured.name} cannot be used: {fault}.")
+    return ""
 
 
 def _conditions(

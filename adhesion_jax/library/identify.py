@@ -261,7 +261,7 @@ def identify(
             f"{points.name} lacks the column {listed(lacks)}, which the curve {name} needs; "
             "add it or name another curve."
         )
-    grouping, by = group([points]), asked_of(points, by)
+    grouping, by = group(points), asked_of(points, by)
     labels = labels_of(points, by, grouping.run) if by not in (None, AUTO) else None
     velocity = points.slip == "slip_velocity_mps"
     found = fit_curves(chosen, record, grouping.run, velocity, slip_noise, progress)

@@ -77,7 +77,7 @@ def to_log(measured: Measured, wanted: bool | None = None) -> Log:
             'the columns of that axle, as by --column "wheel_speed=v_Rad1", or a file of one.'
         )
     (chosen,) = events_of([measured], wanted, _FEWEST)
-    runs = group([measured]).run
+    runs = group(measured).run
     clock = table["time_s"].to_numpy(float) if "time_s" in table else None
     if clock is None:
         order, time = np.argsort(runs, kind="stable"), None

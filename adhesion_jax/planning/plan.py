@@ -330,7 +330,7 @@ def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -
         speed = measured.table["vehicle_speed_mps"].to_numpy(float)
         per_speed = float(np.sqrt(np.mean(speed**-2.0)))
         stated = {**stated, "slip_noise": stated["slip_noise"] * per_speed}
-    runs = group([measured]).run
+    runs = group(measured).run
     order = np.argsort(runs, kind="stable")
     starts = np.flatnonzero(np.diff(runs[order], prepend=-1))
     slip = measured.table[measured.slip].to_numpy(float)[order]

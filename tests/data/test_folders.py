@@ -38,7 +38,7 @@ def test_the_files_of_a_folder_or_a_pattern_are_one_log(named, tmp_path):
     np.testing.assert_allclose(found.table["time_s"], TIME, atol=1e-12)
     # Run 2 stands before run 10, and the log goes on from one to the next.
     assert found.table["file"].unique().tolist() == ["run 1.csv", "run 2.csv", "run 10.csv"]
-    assert group([found]).names == ("1",)
+    assert group(found).names == ("1",)
     assert "3 parts, run 1.csv to run 10.csv, whose rows are counted one after" in found.notes[0]
     assert found.name == str(path)
 
@@ -49,12 +49,12 @@ def test_files_that_each_count_from_0_are_runs(tmp_path):
     )
     found = read_measured(folder)
     assert len(found.table) == ROWS
-    assert [*group([found]).run] == [*np.repeat([0, 1, 2], ROWS // 3)]
+    assert [*group(found).run] == [*np.repeat([0, 1, 2], ROWS // 3)]
 
 
 def test_files_without_a_time_are_runs(tmp_path):
     folder = parts(tmp_path / "logs", change=lambda part, _: part.drop(columns="t [s]"))
-    found = group([read_measured(folder)])
+    found = group(read_measured(folder))
     assert found.names == ("run 1.csv", "run 2.csv", "run 10.csv")
     assert [*found.run] == [*np.repeat([0, 1, 2], ROWS // 3)]
 
@@ -67,8 +67,8 @@ def test_runs_that_each_file_counts_anew_are_told_apart(tmp_path):
 
     found = read_measured(parts(tmp_path / "logs", change=counted))
     names = "run 1.csv:1", "2", "run 2.csv:1", "3", "run 10.csv:1", "4"
-    assert group([found]).names == names
-    assert np.bincount(group([found]).run).tolist() == 3 * [ROWS // 6, ROWS // 6 - 1]
+    assert group(found).names == names
+    assert np.bincount(group(found).run).tolist() == 3 * [ROWS // 6, ROWS // 6 - 1]
     assert not any("clock" in note for note in found.notes)
 
 
@@ -78,7 +78,7 @@ def test_a_run_whose_time_goes_on_in_the_next_file_is_one(tmp_path):
     def named(part, _):
         return part.assign(run=part.index // 21)
 
-    found = group([read_measured(parts(tmp_path / "logs", change=named))])
+    found = group(read_measured(parts(tmp_path / "logs", change=named)))
     assert found.names == tuple(map(str, range(12)))
     np.testing.assert_array_equal(found.run, np.arange(ROWS) // 21)
 
@@ -92,7 +92,7 @@ def test_a_run_whose_time_goes_on_in_the_next_file_is_one(tmp_path):
     def later(part, place):  # an hour between the files, without a time in the middle
         return named(part, place).assign(**{"t [s]": part["t [s]"] + 3600 * place})
 
-    found = group([read_measured(parts(tmp_path / "later", change=later))])
+    found = group(read_measured(parts(tmp_path / "later", change=later)))
     assert "run 1.csv:3" in found.names
     assert "run 2.csv:3" in found.names
     assert len(found.names) == 14

@@ -13,6 +13,12 @@ from adhesion_jax.errors import InputError
 PRACTICE = Path(__file__).parents[3] / "shared" / "practice"
 
 
+def rows_of(found):
+    """The rows of the files at the points of the record, [runs, points]; -1: masked."""
+    held, inside = found.layout
+    return np.where(inside, found.places[held], -1)
+
+
 def good(rows=12):
     slip = np.linspace(0.01, 0.12, rows)
     return pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * slip / (0.02 + slip)})
@@ -47,13 +53,13 @@ def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
     assert found.names == ("a", "b", "c")
     assert found.covariates == ("wear",)
     assert (found.blocks, found.named, found.left_out, found.warnings) == (False, {}, (), ())
-    assert found.rows.tolist() == [
+    assert rows_of(found).tolist() == [
         [0, 1, 2, 3, 4, 5],
         [6, 7, 8, 9, -1, -1],
         [10, 11, 12, 13, 14, -1],
     ]
     record = found.record
-    np.testing.assert_array_equal(record.mask, found.rows >= 0)
+    np.testing.assert_array_equal(record.mask, rows_of(found) >= 0)
     np.testing.assert_array_equal(record.fresh, record.mask)
     conditions = {"time_s", "vehicle_speed_mps", "slip_velocity_mps", "wear", "run_order"}
     assert {*record.conditions} == conditions
@@ -72,8 +78,8 @@ def test_the_rows_of_a_run_may_lie_apart(tmp_path):
     table = good(12).assign(run=[7, 3] * 6, wear=np.arange(12.0))
     found = to_runs(read_all([written(tmp_path, table)]))
     assert found.names == ("7", "3")
-    assert found.rows.tolist() == [[0, 2, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
-    np.testing.assert_array_equal(found.record.conditions["wear"], found.rows)
+    assert rows_of(found).tolist() == [[0, 2, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
+    np.testing.assert_array_equal(found.record.conditions["wear"], rows_of(found))
 
 
 def test_gaps_in_time_part_runs(tmp_path):
@@ -81,13 +87,13 @@ def test_gaps_in_time_part_runs(tmp_path):
     time = np.cumsum([0, 0.1, 0.1, 0, 0.1, 1.0, 0.1, 1.1, 0.1, 0.1, 50, 0.1])
     found = to_runs(read_all([written(tmp_path, good().assign(time_s=time))]))
     assert found.names == ("1", "2", "3")
-    assert [(row >= 0).sum() for row in found.rows] == [7, 3, 2]
+    assert [(row >= 0).sum() for row in rows_of(found)] == [7, 3, 2]
     assert len(found.warnings) == 1
     assert found.warnings[0].startswith("In time_s 1 row has the time of the row before")
     # With steps of 1 s a gap is longer than 10 s.
     slow = np.cumsum([0, 1, 1, 1, 9, 1, 1, 11, 1, 1, 1, 1])
     found = to_runs(read_all([written(tmp_path, good().assign(time_s=slow))]))
-    assert [(row >= 0).sum() for row in found.rows] == [7, 5]
+    assert [(row >= 0).sum() for row in rows_of(found)] == [7, 5]
 
 
 def test_the_column_run_goes_before_gaps(tmp_path):
@@ -105,10 +111,10 @@ def test_the_column_run_goes_before_gaps(tmp_path):
 def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest):
     for table in (good(points), good(points).assign(run="only", time_s=np.arange(points))):
         found = to_runs(read_all([written(tmp_path, table)]))
-        length = (found.rows >= 0).sum(axis=1)
+        length = (rows_of(found) >= 0).sum(axis=1)
         assert found.blocks
         assert (len(found.names), length.min(), length.max()) == (blocks, shortest, longest)
-        assert found.rows[found.rows >= 0].tolist() == list(range(points))
+        assert rows_of(found)[rows_of(found) >= 0].tolist() == list(range(points))
         (warning,) = found.warnings
         assert f"{blocks} contiguous blocks" in warning
         assert "independent" in warning
@@ -118,7 +124,7 @@ def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest)
 def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
     table = good(400).assign(time_s=0.1 * np.arange(400))
     found = to_runs(read_all([written(tmp_path, table)]))
-    time, counted = np.asarray(found.record.conditions["time_s"]), found.rows >= 0
+    time, counted = np.asarray(found.record.conditions["time_s"]), rows_of(found) >= 0
     assert (counted == np.asarray(found.record.mask)).all()
     lead = time.shape[1] // 2
     # Of the first block there is nothing before its first row; the others go on without a gap.
@@ -127,11 +133,11 @@ def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
         rows = np.rint(time[block] / 0.1).astype(int)
         whole = rows[: lead + counted[block].sum()]
         assert (np.diff(whole) == 1)[whole[:-1] > 0].all()
-        assert whole[lead] == found.rows[block, lead] == found.rows[block - 1].max() + 1
+        assert whole[lead] == rows_of(found)[block, lead] == rows_of(found)[block - 1].max() + 1
         assert not counted[block, :lead].any()
     # Without a time the order of the rows says nothing of what came before.
     bare = to_runs(read_all([written(tmp_path, good(400))]))
-    assert (bare.rows[:, 0] >= 0).all()
+    assert (rows_of(bare)[:, 0] >= 0).all()
 
 
 def test_several_files_never_share_a_run(tmp_path):
@@ -139,8 +145,8 @@ def test_several_files_never_share_a_run(tmp_path):
     second = written(tmp_path, campaign((3, 5, 4))[3:], "y.csv")
     found = to_runs(read_all([first, second]))
     assert found.names == ("a", f"{first}:b", f"{second}:b", "c")
-    assert found.rows[:, 0].tolist() == [0, 6, 10, 15]
-    assert found.rows.max() == 18
+    assert rows_of(found)[:, 0].tolist() == [0, 6, 10, 15]
+    assert rows_of(found).max() == 18
     np.testing.assert_allclose(
         found.record.slip[2, :5], campaign((3, 5, 4))["slip_ratio"][3:8], rtol=1e-15
     )
@@ -309,7 +315,7 @@ def test_a_saved_index_is_no_covariate(tmp_path):
 
 def test_runs_of_one_point_are_kept(tmp_path):
     found = to_runs(read_all([written(tmp_path, campaign((9, 1, 1)))]))
-    assert found.rows[:, :2].tolist() == [[0, 1], [9, -1], [10, -1]]
+    assert rows_of(found)[:, :2].tolist() == [[0, 1], [9, -1], [10, -1]]
     assert found.warnings[0].startswith("2 of 3 runs have one point only")
 
 
@@ -326,7 +332,7 @@ def test_the_faults_of_all_files_are_told_at_once(tmp_path):
 def test_ten_rows_are_needed_in_all(tmp_path):
     paths = [written(tmp_path, campaign((n,)), f"{n}.csv") for n in (4, 5, 6)]
     assert "there are 9 points (at least 10 rows" in refused(*paths[:2])
-    assert to_runs(read_all([paths[0], paths[2]])).rows.shape == (2, 6)
+    assert to_runs(read_all([paths[0], paths[2]])).record.slip.shape == (2, 6)
     empty = written(tmp_path, campaign()[:0], "empty.csv")
     assert "empty.csv cannot be used: there is a header but no point" in refused(paths[0], empty)
 
@@ -366,7 +372,7 @@ def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):
     assert {*seen.record.conditions} == {*runs_of[0].record.conditions}
     assert seen.covariates == runs_of[0].covariates
     assert seen.named == {"axle": ("1", "2", "4")}
-    np.testing.assert_array_equal(seen.record.conditions["load"], runs_of[1].rows)
+    np.testing.assert_array_equal(seen.record.conditions["load"], rows_of(runs_of[1]))
     np.testing.assert_array_equal(seen.record.conditions["axle"][0], [2, -1, 2, -1, 2])
     assert seen.warnings[-1].startswith("The training data have no axle 7:")
     with pytest.raises(InputError, match=r"^The test data lack wear, load and axle, which"):
@@ -409,7 +415,7 @@ def test_the_test_set_has_the_same_slip(tmp_path):
 
 def test_the_roller_rig_ships_and_has_one_slip_value():
     found = to_runs(read_all([SHIPPED["roller-rig"].path]))
-    assert found.rows[found.rows >= 0].tolist() == list(range(40))
+    assert rows_of(found)[rows_of(found) >= 0].tolist() == list(range(40))
     assert len(found.names) == 16
     assert (found.record.slip == 0.02).all()
     assert {"angle_of_attack_deg", "lateral_creepage"} <= {*found.record.conditions}
