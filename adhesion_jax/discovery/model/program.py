@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -28,16 +28,18 @@ _STEPS = 400
 _TOGETHER = 24
 
 
-class _Slots(NamedTuple):
-    """The effects of a model, one in each slot, and what they see of one run."""
-
-    model: Model
-    parameters: Array
-    conditions: Conditions
-    columns: Array
+def _adhesion(
+    model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
+) -> Float[Array, " points"]:
+    """The prediction of a model for one run, equal to that of `law.with_effects`."""
+    kind, places = model.kind, layout()
+    if not kind.size:
+        return _curve(model, span, slip, conditions)
+    parameters = model.values[places.base : -1].reshape(kind.size, places.effect)
+    # The loops end at the last effect: empty slots take no time.
+    used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
 
     def acting(
-        self,
         names: Sequence[str],
         slot: Array,
         acts: Callable[[Any, Conditions, Array], Array],
@@ -46,52 +48,32 @@ class _Slots(NamedTuple):
         """What the effect in a slot makes of a value, if it is one of these; else the value."""
 
         def branch(name: str) -> Callable[[Array], Array]:
-            return lambda value: acts(self._effect(name, slot), self._seen(slot), value)
+            def act(value: Array) -> Array:
+                named, own = KINDS[name], parameters[slot]
+                numbers = {key: own[place] for place, key in enumerate(named.FACTS.parameters)}
+                words = dict(zip(words_of(named), ("first", "second"), strict=False))
+                effect: Any = named(**numbers, **words)
+                first, second = (columns[model.column[slot, place]] for place in (0, 1))
+                return acts(effect, {**conditions, "first": first, "second": second}, value)
 
-        which = layout().branches(names)[self.model.kind[slot]]
+            return act
+
+        which = layout().branches(names)[kind[slot]]
         return jax.lax.switch(which, [lambda value: value, *map(branch, names)], value)
 
-    def _effect(self, name: str, slot: Array) -> Any:
-        named, own = KINDS[name], self.parameters[slot]
-        numbers = {key: own[place] for place, key in enumerate(named.FACTS.parameters)}
-        return named(**numbers, **dict(zip(words_of(named), ("first", "second"), strict=False)))
-
-    def _seen(self, slot: Array) -> Conditions:
-        first, second = (self.columns[self.model.column[slot, place]] for place in (0, 1))
-        return {**self.conditions, "first": first, "second": second}
-
-
-def _adhesion(
-    model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
-) -> Float[Array, " points"]:
-    """The prediction of a model for one run, equal to that of `law.with_effects`."""
-    kind, column = model.kind, model.column
-    if not kind.size:
-        return _curve(model, span, slip, conditions)
-    places = layout()
-    parameters = model.values[places.base : -1].reshape(kind.size, places.effect)
-    slots = _Slots(model, parameters, conditions, columns)
-    # The loops end at the last effect: empty slots take no time.
-    used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
-
     def shape(slot: Array, sums: Array) -> Array:
-        def term(effect: Any, seen: Conditions, _: Array) -> Array:
-            return effect.log_factor(seen)
-
-        own = slots.acting(places.shapes, slot, term, jnp.zeros_like(slip))
-        return sums.at[column[slot, 2]].add(own)
+        nothing = jnp.zeros_like(slip)
+        own = acting(places.shapes, slot, lambda term, seen, _: term.log_factor(seen), nothing)
+        return sums.at[model.column[slot, 2]].add(own)
 
     def before(turn: Array, bent: Array) -> Array:
-        def bend(effect: Any, seen: Conditions, bent: Array) -> Array:
-            return effect.before(bent, seen)
-
-        return slots.acting(places.bending, used - 1 - turn, bend, bent)
+        slot = used - 1 - turn
+        return acting(places.bending, slot, lambda one, seen, bent: one.before(bent, seen), bent)
 
     def after(slot: Array, adhesion: Array) -> Array:
-        def change(effect: Any, seen: Conditions, adhesion: Array) -> Array:
-            return effect.after(adhesion, slip, seen)
-
-        return slots.acting(places.causes, slot, change, adhesion)
+        return acting(
+            places.causes, slot, lambda one, seen, mu: one.after(mu, slip, seen), adhesion
+        )
 
     def curve(slip: Array) -> Array:
         return _curve(model, span, slip, conditions)

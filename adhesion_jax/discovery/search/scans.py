@@ -8,19 +8,16 @@ import scipy
 from scipy.ndimage import median_filter
 
 from adhesion_jax.discovery.model.fitting import Fitted, has_room
-from adhesion_jax.discovery.model.problem import Problem, label_of
+from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import Entry
+from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.probes import Null
 from adhesion_jax.discovery.search.screening import FLIPS, Score, least_p
-from adhesion_jax.effects import EFFECTS, Effect, Periodic, family_of
+from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.wave import Wave
 
-#: Number of bins of the transform along an axis of a cause.
+#: Number of bins of the transform along an axis.
 _BINS = 8192
-
-#: Number of bins of the transform along any other column.
-_FEW_BINS = 1024
 
 #: Number of frequencies on either side whose median power the coherence of a wave is relative to.
 #: It is large because a line is wide where every run has passed only a part of the axis.
@@ -31,12 +28,6 @@ _NEIGHBOURS = 12
 
 #: Fewest frequencies on either side of a line in time.
 _FEWEST_BESIDE = 4
-
-
-def _axes() -> dict[str, str]:
-    """Columns along which a cause is a wave, each with the name of the cause."""
-    waves = (item for item in EFFECTS.items() if issubclass(item[1], Wave))
-    return dict(sorted((kind.FACTS.needs[0], name) for name, kind in waves))
 
 
 def waves(null: Null, taken: Sequence[str], seed: int) -> list[Score]:
@@ -51,58 +42,47 @@ def waves(null: Null, taken: Sequence[str], seed: int) -> list[Score]:
     for all frequencies by sign flips of the runs.
     """
     problem = null.fitted.setting.problem
-    axes = {name: effect for name, effect in _axes().items() if name in problem.varying}
+    kinds = ((name, kind) for name, kind in EFFECTS.items() if issubclass(kind, Wave))
+    axes = {kind.FACTS.needs[0]: (name, kind) for name, kind in kinds}
     # The weighted residual, beside all that is given, times the adhesion that a wave multiplies.
     pull = np.zeros(null.inside.shape)
     pull[null.inside] = (
         null.residual * (null.fitted.setting.root * null.fitted.adhesion)[null.inside]
     )
     found = []
-    for place, (axis, effect) in enumerate(axes.items()):
-        name = effect if effect != "periodic" else f"periodic:{axis}"
-        if name in taken or f"periodic:{axis}" in taken:
+    for place, axis in enumerate(sorted(axes.keys() & problem.varying)):
+        name, kind = axes[axis]
+        if name in taken:
             continue
-        frequency, p = _coherent(problem, axis, pull, axis in _axes(), [seed, 13, place])
+        frequency, p = _coherent(problem, axis, pull, [seed, 13, place])
         if p > rules.SCAN_SIGNIFICANT:
             continue
-        start = _start(axis, effect, frequency)
-        label = label_of(axis, problem.measured)
-        entry = Entry(name, (start,), (label,), ":" in name, family_of(name))
+        start = kind.of_frequency(frequency)
+        entry = entry_of(name, [start], problem)
         z, unknown = float(scipy.stats.norm.isf(p)), np.zeros(0)
         if has_room(null.fitted.effects, start):
             found.append(Score(entry, start, z, p, np.nan, unknown, unknown))
     return found
 
 
-def _start(axis: str, effect: str, frequency: float) -> Effect:
-    """The effect of that name, else a plain wave along the axis, in waves a unit of the column."""
-    kind = EFFECTS.get(effect)
-    if kind is not None and issubclass(kind, Wave):
-        return kind.of_frequency(frequency)
-    return Periodic(0.01, 0.01, frequency, column=axis)
-
-
 def _coherent(
-    problem: Problem, axis: str, pull: np.ndarray, harmonics: bool, seed: Sequence[int]
+    problem: Problem, axis: str, pull: np.ndarray, seed: Sequence[int]
 ) -> tuple[float, float]:
     """The frequency of the largest coherence, in waves a unit of the column, and its p.
 
     `pull` [runs, points] is the residual times the adhesion, weighted. Under slow noise the second
-    harmonic of a wave may be the most coherent: with `harmonics`, half the frequency is returned if
-    it is coherent as well.
+    harmonic of a wave may be the most coherent: half the frequency is returned if it is coherent as
+    well.
     """
-    values = np.asarray(problem.data.conditions.get(axis, np.zeros(0)))
-    if not values.size or axis in problem.columns:
-        values = np.asarray(problem.data.columns[problem.columns.index(axis)])
+    values = np.asarray(problem.data.conditions[axis])
     inside = problem.points > 0
     low, high = values[inside].min(), values[inside].max()
-    bins = _BINS if axis in _axes() else _FEW_BINS
-    cell = np.clip((values - low) / (high - low) * (bins - 1), 0, bins - 1).astype(int)
+    cell = np.clip((values - low) / (high - low) * (_BINS - 1), 0, _BINS - 1).astype(int)
     runs = values.shape[0]
-    sums = np.zeros((runs, 2 * bins))
+    sums = np.zeros((runs, 2 * _BINS))
     np.add.at(sums, (np.arange(runs)[:, None], cell), np.where(inside, pull, 0.0))
     spectrum = np.fft.rfft(sums, axis=1)
-    frequencies = np.arange(spectrum.shape[1]) * (bins - 1) / (high - low) / (2 * bins)
+    frequencies = np.arange(spectrum.shape[1]) * (_BINS - 1) / (high - low) / (2 * _BINS)
     # The transform is twice as long as the range, and has as many frequencies as the range bins.
     kept = slice(2 * rules.FEWEST_WAVES, 2 * spectrum.shape[1] // rules.FEWEST_BINS)
     spectrum, frequencies = spectrum[:, kept], frequencies[kept]
@@ -128,7 +108,7 @@ def _coherent(
     half = int(np.argmin(np.abs(frequencies - frequencies[best] / 2)))
     beside = slice(max(half - 1, 0), half + 2)
     coherent = observed[beside].max() > rules.HALF_FREQUENCY_COHERENCE
-    if harmonics and coherent and half < best - 1:
+    if coherent and half < best - 1:
         best = beside.start + int(np.argmax(observed[beside]))
     return float(frequencies[best]), p
 
