@@ -124,16 +124,16 @@ def test_an_identifier_finds_as_a_seeker_what_it_finds_alone(name):
     slip, adhesion = map(jnp.asarray, blocks)
     fresh = jnp.ones(slip.shape, dtype=bool)
 
-    def step(state, record):
-        return seeker.identifier.update(state, record), None
+    @jax.jit
+    def alone(records):
+        first = seeker.identifier.init(seeker.known, KEY)
+        last = jax.lax.scan(lambda *both: (seeker.identifier.update(*both), None), first, records)
+        return seeker.identifier.estimate(last[0])
 
-    alone, _ = jax.lax.scan(
-        step, seeker.identifier.init(seeker.known, KEY), Record(slip, adhesion, fresh, fresh, {})
-    )
-    expected = seeker.identifier.estimate(alone)
+    expected = alone(Record(slip, adhesion, fresh, fresh, {}))
     assert int(expected.status) == Status.TRUSTED
     np.testing.assert_allclose(asked[-1, 0], expected.values["slip_opt"], rtol=1e-9)
-    peak = seeker.identified(state)
+    peak = jax.jit(lambda state: seeker.identified(state))(state)
     np.testing.assert_allclose(peak.adhesion[0], expected.values["mu_max"], rtol=1e-9)
     place = [*expected.values].index("slip_opt")
     error = jnp.sqrt(expected.covariance[place, place])
@@ -192,7 +192,7 @@ def test_the_curves_of_all_steepnesses_are_those_of_least_squares():
             )
         ),
     )
-    x, inverse, squares = fits(jax.tree.map(jnp.asarray, sums))
+    x, inverse, squares = jax.jit(fits)(sums)
     for place in (10, 25, 40):
         rows = np.stack([np.ones(300), -left[place], -slips], axis=1)
         rows = np.vstack([rows, [0.1, -0.1, 0.0]])  # mu(0) = 0 with a hundredth of the weight

@@ -55,6 +55,15 @@ def grid_of(name, loop, duration=None):
 _run = jax.jit(run, static_argnums=1)
 _trace = jax.jit(lambda loop, grid, key: trace(loop, grid, key)[1], static_argnums=1)
 _many = jax.jit(jax.vmap(run, (None, None, 0)), static_argnums=1)
+
+
+@partial(jax.jit, static_argnums=1)
+def _figures(loop, grid, key):
+    """Of each segment."""
+    return figures(by_segment(run(loop, grid, key)), grid.sample_period)
+
+
+_peak = jax.jit(lambda surface: surface.peak(jnp.asarray(10.0)))
 KEY = jax.random.key(0)
 
 
@@ -76,7 +85,7 @@ KEY = jax.random.key(0)
 )
 def test_surfaces_have_the_peaks_of_their_papers(surfaces, expected):
     for name, (slip, adhesion) in expected.items():
-        peak = surfaces[name].peak(jnp.asarray(10.0))
+        peak = _peak(surfaces[name])
         assert bool(peak.found)
         assert float(peak.slip) == pytest.approx(slip, rel=1e-4)
         assert float(peak.adhesion) == pytest.approx(adhesion, rel=3e-4)
@@ -96,11 +105,12 @@ def test_eq_9_settles_where_its_torque_holds_the_slip():
     plant, surface, speed = plant_of("fang2018"), fang2018.road(0.07, 5.5), jnp.asarray(70 / 3.6)
     slope = jax.grad(lambda slip: surface(slip, speed))
 
+    @jax.jit
     def left(slip):
         adhesion = surface(jnp.full(1, slip), speed)
         turning = plant.gear_ratio * plant.inertia / plant.radius
         needed = plant.load_of(adhesion) + turning * plant.acceleration(adhesion, speed)
-        return float((19000 * slope(slip) + 18000 * adhesion - needed)[0])
+        return (19000 * slope(slip) + 18000 * adhesion - needed)[0]
 
     expected = 3.6 * brentq(left, 0.5, 5.5 / 3.6)
     found = trace_of_eq_9()
@@ -247,7 +257,7 @@ def test_uyulan_tracks_as_printed():
 def test_hxd1f_seeks_as_its_paper_says():
     loop = loop_of("hxd1f", "SMES, NTSMO, ABLF")
     grid = grid_of("hxd1f", loop)
-    found = figures(by_segment(_run(loop, grid, KEY)), grid.sample_period)
+    found = _figures(loop, grid, KEY)
     np.testing.assert_allclose(found["utilisation"], [0.89, 0.954, 0.93], atol=0.01)
     np.testing.assert_allclose(found["t95"][:2], [0.87, 0.52], atol=0.02)
     assert np.isnan(found["t95"][2])
@@ -262,9 +272,7 @@ def test_torque_varies_with_the_sign_and_not_with_a_layer():
             loop, controller=CONTROLLERS[name], observer=OBSERVERS["true-load"]
         )
         grid = grid_of("hxd1f", loop, 3.0)
-        varied[name] = figures(by_segment(_run(loop, grid, KEY)), grid.sample_period)[
-            "torque_variation"
-        ][0]
+        varied[name] = _figures(loop, grid, KEY)["torque_variation"][0]
     assert varied["sliding-mode"] > 20 * varied["barrier"]
     assert varied["sliding-mode-layer"] == pytest.approx(varied["barrier"], rel=0.5)
 
@@ -340,12 +348,13 @@ def test_sensors_hold_bias_count_and_mistake_the_radius():
 
     # 100 pulses a turn for 10 ms: 60 rad/s are 9.55 pulses, so 9 or 10 of 2 pi/(100 .01) rad/s.
     counting = Sensors(period=1e-2, pulses=100)
-    state, told = counting.init(plant, speeds[0], speeds[1]), []
-    for number in range(400):
-        fresh = jnp.asarray(number % 10 == 0)
-        state = counting.sample(state, plant, speeds, fresh, drawn, 1e-3)
-        told.append(float(state.motor_speed[0]))
-        state = counting.turn(state, speeds[0], 1e-3)
+
+    def step(state, number):
+        state = counting.sample(state, plant, speeds, number % 10 == 0, drawn, 1e-3)
+        return counting.turn(state, speeds[0], 1e-3), state.motor_speed[0]
+
+    first = counting.init(plant, speeds[0], speeds[1])
+    told = jax.lax.scan(step, first, jnp.arange(400))[1].tolist()
     unit = 2 * np.pi / (100 * 1e-2)
     assert {round(speed / unit, 6) for speed in told[10:]} == {9.0, 10.0}
     assert np.mean(told[10:]) == pytest.approx(60.0, rel=0.01)
@@ -419,7 +428,7 @@ def test_all_that_accept_each_other_run(observer, seeker, controller, name):
         assert bool(jnp.all(finite | ~seen)), name
     assert float(found.largest["torque"].max()) <= float(loop.plant.torque_limit) * (1 + 1e-12)
     # The programs differ in the last digits, which sliding modes and chattering amplify.
-    alone = figures(by_segment(_run(loop, grid, keys[1])), grid.sample_period)
+    alone = _figures(loop, grid, keys[1])
     among = figures(jax.tree.map(lambda x: x[:, 1], found), grid.sample_period)
     for figure in ("utilisation", "slip_energy", "torque_largest", "adhesion_rms"):
         np.testing.assert_allclose(
@@ -433,10 +442,7 @@ def test_eight_axles_that_are_alike_move_as_one():
     case = system.cases(system.step)[-1]
     alike = dataclasses.replace(eight, load_transfer=jnp.zeros(8))
     grid = grid_of("hxd1f", built(system, case, one), 1.0)
-    single, all_alike = (
-        figures(by_segment(_run(built(system, case, plant), grid, KEY)), grid.sample_period)
-        for plant in (one, alike)
-    )
+    single, all_alike = (_figures(built(system, case, plant), grid, KEY) for plant in (one, alike))
     for name in ("utilisation", "slip_energy", "torque_largest", "tracking_rms"):
         np.testing.assert_allclose(all_alike[name][0], single[name][0], rtol=1e-6)
 

@@ -1,6 +1,7 @@
 """Plants against closed forms, the balance of energy and a solver of high order."""
 
 import re
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -86,18 +87,18 @@ def test_energy_is_kept(name):
 def test_a_gear_only_takes(name, efficiency):
     plant, state, _ = started(name)
     plant = type(plant)(**{**vars(plant), "gear_efficiency": jnp.asarray(efficiency)})
-    lost, motor = [], []
-    for torque in (-3000.0, -300.0, 0.0, 300.0, 3000.0):
-        for slip in (-0.2, 0.0, 0.2):
-            moving = state._replace(
-                train_speed=state.train_speed - slip, torque=jnp.full(1, torque)
-            )
-            found = powers(plant, moving, held(torque))
-            lost.append(float(found.gear))
-            motor.append(abs(float(found.motor)))
-    rounding = 1e-12 * max(motor)
-    assert min(lost) >= -rounding
-    assert (max(lost) > rounding) == (efficiency < 1)
+
+    @jax.jit
+    @jax.vmap
+    def spent(torque, slip):
+        moving = state._replace(train_speed=state.train_speed - slip, torque=torque[None])
+        return powers(plant, moving, held(torque))
+
+    torques = jnp.array([-3000.0, -300.0, 0.0, 300.0, 3000.0])
+    found = spent(jnp.repeat(torques, 3), jnp.tile(jnp.array([-0.2, 0.0, 0.2]), 5))
+    rounding = 1e-12 * max(np.abs(found.motor))
+    assert min(found.gear) >= -rounding
+    assert (max(found.gear) > rounding) == (efficiency < 1)
 
 
 @pytest.mark.parametrize("name", STARTS)
@@ -142,9 +143,8 @@ def test_halving_the_step_lowers_the_error_sixteenfold(name):
 def test_the_axle_of_uyulan_swings_as_two_inertias_on_a_spring():
     plant, state, _ = started("uyulan2018")
     free = RailSurface(Exponential(1.0, 2.0, 0.0))
-    found = np.linalg.eigvals(
-        jacobian(lambda state: plant.derivative(state, held(0.0, free)), state)
-    )
+    rates = jax.jit(partial(jacobian, lambda state: plant.derivative(state, held(0.0, free))))
+    found = np.linalg.eigvals(rates(state))
     swing = found[np.argmax(found.imag)]
     # J1 = 1508.26, J2 = 240: sqrt(K/J) = 171.1 rad/s, B/(2 sqrt(K J)) = .7056.
     assert abs(swing) == pytest.approx(171.1, abs=0.1)
@@ -174,7 +174,8 @@ def test_the_fastest_rate_of_hxd1f_is_that_of_its_creep(surface, rate):
     ratio, inertia = float(plant.gear_ratio) ** 2, 25 + 400 / (106 / 17) ** 2 / 0.975
     creep = 0.625**2 / (ratio * inertia * 0.975) + 8 / 1e7
     exact = law.c * (law.b - law.a) * 30000 * 9.81 * creep
-    found = np.max(-np.linalg.eigvals(jacobian(derivative, rolling)).real)
+    rates = jax.jit(partial(jacobian, derivative))
+    found = np.max(-np.linalg.eigvals(rates(rolling)).real)
     assert found == pytest.approx(exact, rel=1e-6)
     assert found == pytest.approx(rate, abs=1.0)
     step = RK4_STABLE / found

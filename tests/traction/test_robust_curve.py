@@ -1,5 +1,7 @@
 """What `robust-curve` makes of swings: their band, the torque that is late, v*, and the loop."""
 
+from functools import cache
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -118,7 +120,7 @@ def test_half_of_a_swing_is_taken_out_where_the_drive_is_five_milliseconds_late(
     wanted = []
     for band in (0.0, 300.0):
         swing = STILL._replace(fast=jnp.full(1, band), energy=jnp.full(1, 3e5))
-        after, torque = CONTROLLER.update(state._replace(swing=swing), PLANT, signals, PERIOD)
+        after, torque = commanding(state._replace(swing=swing), signals)
         strong = after.swing.energy[0] / (0.4 * 0.1 * PLANT.torque_limit) ** 2
         assert abs(float(after.swing.level[0])) < 0.1 * float(PLANT.torque_limit)
         taken = 0.5 * strong**2 / (1 + strong**2) * after.swing.band[0]
@@ -127,10 +129,14 @@ def test_half_of_a_swing_is_taken_out_where_the_drive_is_five_milliseconds_late(
     assert wanted[1] == pytest.approx(wanted[0], rel=1e-6)
 
 
+first_of_seeker = cache(jax.jit(lambda: SEEKER.init(PLANT, signals_of(0.1, 0.0))))
+sampled = jax.jit(lambda state, signals: SEEKER.update(state, PLANT, signals, PERIOD)[0])
+commanding = jax.jit(lambda state, signals: CONTROLLER.update(state, PLANT, signals, PERIOD))
+
+
 def judged(**state):
     """The state of the seeker a period later, on a sample that lies on its curve of no adhesion."""
-    signals = signals_of(0.1, 0.0)
-    whole = SEEKER.init(PLANT, signals)
+    whole = first_of_seeker()
     curve = whole.curve._replace(since=jnp.full(1, state.pop("since", 1.0)))
     state = {name: jnp.full(1, one) for name, one in state.items()}
     before = {name: state.pop(name) for name in ("known", "asked", "furthest") if name in state}
@@ -138,7 +144,7 @@ def judged(**state):
     whole = whole._replace(
         curve=curve, swing=swing, before=whole.before._replace(**before), **state
     )
-    return SEEKER.update(whole, PLANT, signals, PERIOD)[0]
+    return sampled(whole, signals_of(0.1, 0.0))
 
 
 def test_a_ceiling_rises_within_twenty_seconds_and_is_set_fifteen_per_cent_below():
@@ -230,7 +236,7 @@ def test_a_ceiling_stays_until_the_rail_is_another(misfit, kept):
         before=doubted._replace(curve=level, asked=jnp.full(1, 0.1)),
         ceiling=jnp.full(1, 0.08),
     )
-    state, _ = SEEKER.update(state, PLANT, signals, PERIOD)
+    state = sampled(state, signals)
     expected = 0.08 * (1 + PERIOD / 20) if kept else np.inf
     assert float(state.ceiling[0]) == pytest.approx(expected)
 

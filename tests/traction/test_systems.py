@@ -1,7 +1,7 @@
 """The three systems against the numbers known of their papers' methods."""
 
 import dataclasses
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -34,13 +34,17 @@ def grid_of(name, loop, duration=None):
     return timing(loop, system.step, period, duration or system.duration)
 
 
+@partial(jax.jit, static_argnums=1)
+def of_segments(loop, grid):
+    return figures(by_segment(run(loop, grid, KEY)), grid.sample_period)
+
+
 @cache
 def utilisation(method):
     """Of the HXD1F on the dry, the wet and the snowy rail."""
     (loop,) = loops_of("hxd1f", method)
     grid = grid_of("hxd1f", loop)
-    totals = jax.jit(run, static_argnums=1)(loop, grid, KEY)
-    return np.asarray(figures(by_segment(totals), grid.sample_period)["utilisation"])
+    return np.asarray(of_segments(loop, grid)["utilisation"])
 
 
 @pytest.mark.thorough
@@ -105,8 +109,7 @@ def test_an_encoder_turns_with_the_motor_and_its_pulses_disturb_the_observer():
     for pulses in (0, 100_000, 2000):
         counting = dataclasses.replace(loop, sensors=Sensors(period=1e-3, pulses=pulses))
         grid = grid_of("hxd1f", counting, 1.0)
-        totals = jax.jit(run, static_argnums=1)(counting, grid, KEY)
-        found[pulses] = figures(by_segment(totals), grid.sample_period)
+        found[pulses] = of_segments(counting, grid)
     none, fine, coarse = (float(found[pulses]["adhesion_rms"][0]) for pulses in found)
     # A pulse of the fine one is .06 rad/s in a sample of 1 ms, one of the coarse one 3.1 rad/s.
     assert fine == pytest.approx(none, rel=0.1)

@@ -1,6 +1,7 @@
 """Axles that twist: the mode in closed form, its energy, the stiff limit, and where it chatters."""
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -45,11 +46,15 @@ def at_slip(plant, slip, speed=5.0, torque=100.0):
     return state._replace(torque=jnp.full(1, torque))
 
 
+@jax.jit
+def rates_at(plant, surface, slip):
+    inputs = Held(jnp.full(1, 100.0), surface, jnp.asarray(0.0))
+    return jacobian(lambda state: plant.derivative(state, inputs), at_slip(plant, slip))
+
+
 def mode(plant, surface, slip):
     """The eigenvalue in 1/s of the swinging wheelset at this slip of both wheels."""
-    inputs = Held(jnp.full(1, 100.0), surface, jnp.asarray(0.0))
-    rates = jacobian(lambda state: plant.derivative(state, inputs), at_slip(plant, slip))
-    found = np.linalg.eigvals(rates)
+    found = np.linalg.eigvals(rates_at(plant, surface, slip))
     return found[np.argmax(found.imag)]
 
 
@@ -70,7 +75,7 @@ def test_the_free_wheelset_swings_as_it_is_told(frequency, damping):
 @pytest.mark.parametrize("damping", [0.005, 0.01, 0.02])
 def test_chatter_begins_where_the_contact_gives_more_than_the_steel_takes(damping):
     plant = twisting(twist_damping=damping, gear_efficiency=1.0)
-    slope = jax.grad(lambda slip: DRY(slip, jnp.asarray(5.0)))
+    slope = jax.jit(jax.grad(lambda slip: DRY(slip, jnp.asarray(5.0))))
     steel = 4 * np.pi * 45.0 * damping * FAR * REST / (FAR + REST)
 
     def contact(slip):
@@ -164,16 +169,18 @@ def by_hand(speeds, twist, torque, backlash):
 @pytest.mark.parametrize("backlash", [0.0, 1e-3])
 def test_the_equations_are_those_of_the_free_bodies(backlash):
     plant, random, ratio = twisting(backlash=backlash), np.random.default_rng(0), 106 / 17
+
+    @jax.jit
+    def derivative(near, far, train, twist, torque):
+        moving = plant.init(ratio * near, train[0])
+        state = moving._replace(twist=twist, twist_rate=near - far, torque=torque)
+        return plant.derivative(state, Held(torque, DRY, jnp.asarray(0.0)))
+
     for _ in range(50):
         near = random.uniform(7, 12)
         far, train = near - random.normal(0, 0.2), 0.625 * near - random.normal(0, 0.2)
         twist, torque = random.normal(0, 2e-3), random.uniform(-9e3, 13e3)
-        state = plant.init(jnp.full(1, ratio * near), jnp.asarray(train))._replace(
-            twist=jnp.full(1, twist),
-            twist_rate=jnp.full(1, near - far),
-            torque=jnp.full(1, torque),
-        )
-        rates = plant.derivative(state, Held(state.torque, DRY, jnp.asarray(0.0)))
+        rates = derivative(*(np.full(1, one) for one in (near, far, train, twist, torque)))
         angular = rates.motor_speed[0] / ratio
         np.testing.assert_allclose(
             [angular, angular - rates.twist_rate[0], rates.train_speed],
@@ -239,11 +246,15 @@ def loop_at(plant, share):
     )
 
 
+@partial(jax.jit, static_argnums=1)
+def of_whole(loop, grid):
+    return figures(whole(run(loop, grid, jax.random.key(0))), grid.sample_period)
+
+
 def ran(plant, share):
     loop = loop_at(plant, share)
-    grid = timing(loop, 1e-4, 1e-3, 3.0)
-    totals = jax.jit(run, static_argnums=1)(loop, grid, jax.random.key(0))
-    return {name: float(x[0]) for name, x in figures(whole(totals), grid.sample_period).items()}
+    found = of_whole(loop, timing(loop, 1e-4, 1e-3, 3.0))
+    return {name: float(x[0]) for name, x in found.items()}
 
 
 def test_where_nothing_swings_a_twisting_axle_runs_as_a_rigid_one():
