@@ -3,6 +3,7 @@
 import tempfile
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
@@ -35,8 +36,16 @@ def runs_of(table):
 
 def problem_of(table):
     runs = runs_of(table)
-    record = runs.record
-    return prepare(record, calendar_of(record), runs.blocks, runs.weights, runs.named)
+    calendar, there = calendar_of(runs.record), np.arange(max(len(runs.weights), RUNS))
+    there = there < len(runs.weights)
+    record, worth = jax.tree.map(_with_runs, (runs.record, runs.weights))
+    record = record._replace(mask=record.mask & there[:, None], fresh=record.fresh & there[:, None])
+    return prepare(record, calendar, runs.blocks, worth, runs.named)
+
+
+def _with_runs(values):
+    """With masked runs after those that there are, up to the arrays that all tests share."""
+    return np.pad(values, ((0, max(RUNS - len(values), 0)), (0, 0)), mode="edge")
 
 
 def setting_of(table, sigma=0.01, spread=0.0):

@@ -108,7 +108,7 @@ def test_where_nothing_moves_adhesion_within_runs_p_is_as_rarely_small_as_it_say
 
 
 def test_a_smooth_function_is_as_rarely_strong_in_slow_noise_as_its_deviate_says(table):
-    """Of 100 draws, but for one chance in 1000; it is tested whole, and by its smoothest two."""
+    """Of 60 draws, but for one chance in 1000; it is tested whole, and by its smoothest two."""
     draw = np.random.default_rng(7)
     fitted = alone(table.assign(adhesion=measured(table, draw)))
     null = null_of(fitted, within=True)
@@ -118,11 +118,11 @@ def test_a_smooth_function_is_as_rarely_strong_in_slow_noise_as_its_deviate_says
         for entry in column_entries(Spline, column, fitted.setting.problem)
     ]
     strong = Counter()
-    for seed in range(100):
+    for seed in range(60):
         scores = screen([(seen(null, measured(table, draw)), entries)], seed)
         assert len(scores) == len(entries)
         strong.update(score.form for score in scores if score.z > stats.norm.isf(0.01))
-    assert max(strong.values()) <= stats.binom.isf(1e-3, 100, 0.02)
+    assert max(strong.values()) <= stats.binom.isf(1e-3, 60, 0.02)
 
 
 def best_of(fitted, columns, kind, acts_on):
