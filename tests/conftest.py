@@ -31,6 +31,9 @@ os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_QUICK}".strip()
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# Garbage is looked for seldom: a fortieth of the time.
+gc.set_threshold(20_000, 20, 20)
+
 #: From so many bytes on a worker lets go of what it has compiled: two have to do with 4 GB, with
 #: what the largest module adds to this and the processes that tests start.
 _MUCH = 800e6
@@ -48,9 +51,8 @@ def room_for_programs():
 
 
 def pytest_collection_finish():
-    """Look for garbage seldom, and not in all that was loaded so far: that takes much time."""
+    """Do not look for garbage in all that was loaded so far: that takes a twentieth of the time."""
     gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
 
 
 def pytest_configure(config):
