@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
+from threadpoolctl import threadpool_limits
 
 # Here, before any test module imports the package: the hook works on what is imported after it.
 install_import_hook(["adhesion_jax", "experiments"], "beartype.beartype")
@@ -27,9 +28,11 @@ _QUICK = (
 )
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_QUICK}".strip()
 
-# There are as many workers as cores: more threads than that wait for each other by turning.
+# There are as many workers as cores: more threads than that wait for each other by turning. numpy
+# takes the number of the moment when it is loaded, and a plugin may have loaded it before.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+threadpool_limits(1)
 
 # Garbage is looked for seldom: a fortieth of the time.
 gc.set_threshold(20_000, 20, 20)
