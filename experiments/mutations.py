@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from adhesion_jax.keeping import VARIABLE
 from adhesion_jax.report.page import Table
-from adhesion_jax.report.text import in_columns
+from adhesion_jax.report.rendering import in_columns
 
 ROOT = Path(__file__).parents[1]
 

@@ -8,8 +8,7 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.job import Config, Job
 from adhesion_jax.campaign.pool import Pool, Processes, Work
 from adhesion_jax.campaign.shard import content, scales, truth_of
 from adhesion_jax.campaign.store import Arrays

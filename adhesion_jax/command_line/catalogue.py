@@ -20,7 +20,7 @@ _OTHERS = 8
 
 #: The room and the mapping there, or the function that gives it, that has the names of a kind.
 _REGISTRIES = {
-    "main_job": ("campaign.config", "MAIN_JOB"),
+    "main_job": ("campaign.job", "MAIN_JOB"),
     "identifiers": ("identifiers", "IDENTIFIERS"),
     "ablations": ("identifiers", "ABLATIONS"),
     "rails": ("scenarios.rails", "RAILS"),

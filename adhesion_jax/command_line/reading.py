@@ -153,7 +153,7 @@ def read(
     from adhesion_jax.data.reading import NotUnderstoodError
     from adhesion_jax.data.stretches import FEW, FEW_OF_A_SEARCH
     from adhesion_jax.library.reading import all_of
-    from adhesion_jax.report.measured.tables import columns_table, understood
+    from adhesion_jax.report.measured.words import columns_table, understood
 
     corrections, few = Corrections(**known), FEW_OF_A_SEARCH if for_search else FEW
     with shown() as progress:

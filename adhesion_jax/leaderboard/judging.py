@@ -17,8 +17,8 @@ from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import segment_rows
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.campaign.traction import WHOLE
-from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.runs import TILE, Course, tile
+from adhesion_jax.leaderboard.terms import Field
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.runtime import silent
 from adhesion_jax.traction.families import Family

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
-from adhesion_jax.leaderboard.field import OPTIMA
 from adhesion_jax.leaderboard.runs import standard_error
-from adhesion_jax.leaderboard.terms import Versions
+from adhesion_jax.leaderboard.terms import OPTIMA, Versions
 from adhesion_jax.metrics.closed_loop import PRICES
 from adhesion_jax.wording import listed
 

@@ -1,6 +1,6 @@
 """The grid of time that all methods of a board share, and the versions of what its rows rest on."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 from inspect import getfile
 from pathlib import Path
@@ -11,9 +11,10 @@ import equinox as eqx
 import jax
 from jaxtyping import Array
 
-from adhesion_jax.campaign.identity import settings_of
+from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics import closed_loop
+from adhesion_jax.metrics.closed_loop import PRICES
 from adhesion_jax.programs import kept
 from adhesion_jax.traction import driver, integration, loop, rails, sensors, surface
 from adhesion_jax.traction.entrants import Entrant
@@ -94,3 +95,29 @@ def _version(numbers: Iterable[str], parts: Iterable[ModuleType | type]) -> str:
     for part in parts:
         content.update(Path(getfile(part)).read_bytes())
     return content.hexdigest()[:8]
+
+
+#: The methods that are told the slip of the largest utility at a price.
+OPTIMA: Mapping[int, str] = {
+    price: f"true-optimum-{price}" if price else "true-optimum" for price in PRICES
+}
+
+
+class Field(NamedTuple):
+    """Methods by name, on equal terms and one grid of time."""
+
+    terms: Terms
+    timing: Timing
+    entrants: Mapping[str, Entrant]
+
+    def depends_on(self, families: Sequence[Family]) -> Mapping[str, str]:
+        """What all numbers depend on beside the options of a job."""
+        return {
+            "--methods": ",".join(self.entrants),
+            "settings of plant, methods and rails": settings_of(
+                (self.terms, [*self.entrants.values()], [*families])
+            ),
+            "grid of time": repr(self.timing),
+            **surroundings(),
+            **own_files(),
+        }

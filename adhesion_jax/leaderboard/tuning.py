@@ -18,8 +18,8 @@ from adhesion_jax.campaign.keys import noise_keys
 from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.store import Arrays, Content
 from adhesion_jax.leaderboard.cost import Cost, cost
-from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.runs import TILE, standard_error, tile
+from adhesion_jax.leaderboard.terms import Field
 from adhesion_jax.runtime import silent
 from adhesion_jax.traction.entrants import Entrant, numbers
 from adhesion_jax.traction.families import Family

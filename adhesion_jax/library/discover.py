@@ -29,7 +29,7 @@ from adhesion_jax.report.discovery.tables import (
     errors_table,
     ranking_frame,
 )
-from adhesion_jax.report.discovery.verdict import verdict
+from adhesion_jax.report.discovery.words import verdict
 from adhesion_jax.runtime import as_in_commands, silent
 
 

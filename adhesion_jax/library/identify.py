@@ -31,15 +31,17 @@ from adhesion_jax.measured.vetoes import judged, standing
 from adhesion_jax.plugins import add
 from adhesion_jax.report.events import draw_events
 from adhesion_jax.report.measured.figure import draw_comparison, measured_figure
-from adhesion_jax.report.measured.tables import (
+from adhesion_jax.report.measured.words import (
+    Identified,
     answer_lines,
     curve_rows,
+    in_lines,
     page,
     parameter_rows,
     printed_table,
     short_report,
+    verdict,
 )
-from adhesion_jax.report.measured.words import Identified, in_lines, verdict
 from adhesion_jax.report.page import CAPTIONS
 from adhesion_jax.report.rendering import write_page
 from adhesion_jax.runtime import as_in_commands, silent

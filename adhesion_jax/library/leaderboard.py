@@ -22,10 +22,17 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.leaderboard import judging, tuning
 from adhesion_jax.leaderboard.disturbances import ALL, disturbances, over_all, with_worst
-from adhesion_jax.leaderboard.field import OPTIMA, Field
 from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
 from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, with_rows
-from adhesion_jax.leaderboard.terms import SAMPLED, STEP, Grid, timing_of, versions_of
+from adhesion_jax.leaderboard.terms import (
+    OPTIMA,
+    SAMPLED,
+    STEP,
+    Field,
+    Grid,
+    timing_of,
+    versions_of,
+)
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuned, Tuning, tuned
 from adhesion_jax.library.reading import own_parts, parts_named
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html

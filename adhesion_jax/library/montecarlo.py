@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
-from adhesion_jax.campaign.config import ALL, SEVERAL, Config, parts_of
-from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.job import ALL, SEVERAL, Config, Job, parts_of
 from adhesion_jax.campaign.monte_carlo import (
     Campaign,
     Totals,

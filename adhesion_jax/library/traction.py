@@ -29,11 +29,10 @@ from adhesion_jax.files import METADATA, output_directory, write_metadata, write
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
 from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
 from adhesion_jax.report.rendering import write_page
-from adhesion_jax.report.traction import SUBJECTS
 from adhesion_jax.report.traction.operating_point import animate_operating_point, operating_point
 from adhesion_jax.report.traction.page import traction_page
-from adhesion_jax.report.traction.panels import draw
-from adhesion_jax.report.traction.runs import shown
+from adhesion_jax.report.traction.panels import draw, shown
+from adhesion_jax.report.traction.systems import SUBJECTS
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.observers import OBSERVERS

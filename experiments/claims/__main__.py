@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.files import output_directory, staged, write_table

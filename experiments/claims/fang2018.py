@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers.online import OnlineState
 from adhesion_jax.identifiers.rls_slope import RecursiveSlope

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.report.montecarlo.figures import LABELS
+from adhesion_jax.report.rendering import with_errors
 from adhesion_jax.report.style import line_styles
-from adhesion_jax.report.text import with_errors
 from experiments.claims.claim import Claim
 from experiments.claims.he2018_consistency import Fit
 from experiments.claims.settings import Cloud

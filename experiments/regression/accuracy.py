@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.report.text import with_errors
+from adhesion_jax.report.rendering import with_errors
 from experiments.regression.compare import GONE, NEW, REGRESSIONS, SAME
 
 #: Verdicts on an identifier that only one of the two tables has.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE, tiles_of
 from adhesion_jax.identifiers import Identifier
 from adhesion_jax.scenarios.rails import RAILS

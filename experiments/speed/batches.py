@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, identify

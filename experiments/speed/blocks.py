@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import scipy.optimize
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE, Tiles, tiles_of
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, POPULATION

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.identifiers import Estimate
 from adhesion_jax.runtime import silent

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from adhesion_jax.records import Known, Record, record_axes

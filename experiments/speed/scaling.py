@@ -7,7 +7,7 @@ import jax
 import pandas as pd
 
 from adhesion_jax import runtime
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.scenarios import Options
 from experiments.speed import all_points
 from experiments.speed.batches import batch_on, drawn

@@ -15,8 +15,7 @@ import pytest
 from scipy.stats import t as student_t
 
 from adhesion_jax.campaign import tiles
-from adhesion_jax.campaign.config import Config, build_scenario, choose_identifiers
-from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.job import Config, Job, build_scenario, choose_identifiers
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.campaign.shard import content

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.campaign import store
-from adhesion_jax.campaign.config import Config
-from adhesion_jax.campaign.job import Job
+from adhesion_jax.campaign.job import Config, Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, frame_of, run_campaign
 from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.shard import content, scales
@@ -33,7 +32,7 @@ import sys
 from pathlib import Path
 from adhesion_jax import runtime
 runtime.start()
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.job import Job
 from adhesion_jax.campaign.shard import content
 from adhesion_jax.campaign.store import stored

@@ -12,7 +12,7 @@ import adhesion_jax as aj
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.traction import main
 from adhesion_jax.metrics.closed_loop import FIGURES
-from adhesion_jax.report.traction import SUBJECTS
+from adhesion_jax.report.traction.systems import SUBJECTS
 from adhesion_jax.traction.plants.reading import shipped
 from adhesion_jax.traction.systems import SYSTEMS
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.identifiers.bank_kiencke import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from identifier_cases import FILTERS, identified
 
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.curves import with_free_values
 from adhesion_jax.identifiers import IDENTIFIERS

@@ -7,7 +7,7 @@ import pytest
 from jaxopt import BoxOSQP
 from scipy.optimize import lsq_linear
 
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair

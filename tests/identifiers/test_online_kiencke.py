@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.optimize import least_squares, lsq_linear
 
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers import IDENTIFIERS, identify
 from adhesion_jax.identifiers.innovations import MEDIAN, STEP

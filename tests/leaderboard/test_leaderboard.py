@@ -15,11 +15,10 @@ from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import write_table
 from adhesion_jax.leaderboard import judging, terms, tuning
-from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import SEEDS, Judging, keys_of, shown_of
 from adhesion_jax.leaderboard.runs import TILE
 from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, with_rows
-from adhesion_jax.leaderboard.terms import SAMPLED, Grid, Versions, timing_of, versions_of
+from adhesion_jax.leaderboard.terms import SAMPLED, Field, Grid, Versions, timing_of, versions_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points, tuned
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.report.leaderboard.page import verdict, when

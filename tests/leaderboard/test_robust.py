@@ -19,9 +19,8 @@ from adhesion_jax.leaderboard.disturbances import (
     over_all,
     with_worst,
 )
-from adhesion_jax.leaderboard.field import Field
 from adhesion_jax.leaderboard.judging import Judging
-from adhesion_jax.leaderboard.terms import SAMPLED, Grid, timing_of
+from adhesion_jax.leaderboard.terms import SAMPLED, Field, Grid, timing_of
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuning, points
 from adhesion_jax.library.leaderboard import traction_leaderboard
 from adhesion_jax.metrics.closed_loop import FIGURES

@@ -17,7 +17,7 @@ from adhesion_jax import library
 from adhesion_jax.data import to_runs
 from adhesion_jax.identifiers.riv import RefinedInstruments
 from adhesion_jax.library.reading import measured_of
-from adhesion_jax.report.measured.tables import answer_lines
+from adhesion_jax.report.measured.words import answer_lines
 
 FRAME = pd.read_csv(aj.SHIPPED["eurosprinter"].path)
 RIG = pd.read_csv(aj.SHIPPED["roller-rig"].path)

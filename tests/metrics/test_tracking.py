@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from adhesion_jax.campaign.config import MAIN_JOB, Config, parts_of
+from adhesion_jax.campaign.job import MAIN_JOB, Config, parts_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import (

@@ -14,7 +14,7 @@ from adhesion_jax.curves.hyperbolic import Hyperbolic  # of the copy alone
 from adhesion_jax.effects.leaves import Leaves
 
 import adhesion_jax
-from adhesion_jax.campaign.config import Config
+from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line import discover as discover_command
 from adhesion_jax.command_line import identify as identify_command

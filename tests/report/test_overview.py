@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.campaign.config import SEVERAL
+from adhesion_jax.campaign.job import SEVERAL
 from adhesion_jax.library.montecarlo import montecarlo
 from adhesion_jax.report.montecarlo.overview import advice, figure, page
 

@@ -50,7 +50,6 @@ from adhesion_jax.report.discovery.tables import (
     level_columns,
     residual_columns,
 )
-from adhesion_jax.report.discovery.verdict import verdict
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
@@ -58,6 +57,7 @@ from adhesion_jax.report.discovery.words import (
     humanised,
     in_brackets,
     percent_in_brackets,
+    verdict,
 )
 from adhesion_jax.report.rendering import page_markdown
 from adhesion_jax.wording import p_value, plus_minus

@@ -4,8 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from adhesion_jax.report.traction.panels import Line, draw
-from adhesion_jax.report.traction.runs import KMH, Shown, over_curves
+from adhesion_jax.report.traction.panels import KMH, Line, Shown, draw, over_curves
 from adhesion_jax.report.traction.systems import lyapunov_panels
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.files import write_table
 from adhesion_jax.identifiers.ml_de import CROSSOVER, GENERATIONS, ml_de, ml_de_eq17
 from adhesion_jax.metrics.information import cramer_rao_bound

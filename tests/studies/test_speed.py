@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from matplotlib.image import imread
 from scipy.optimize import least_squares
 
-from adhesion_jax.campaign.config import Config, build_scenario
+from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record

@@ -25,7 +25,6 @@ from adhesion_jax.report.discovery.tables import (
     shape_columns,
     title,
 )
-from adhesion_jax.report.discovery.verdict import opinion_sentence, verdict
 from adhesion_jax.report.discovery.words import (
     acts_on,
     candidates,
@@ -34,11 +33,20 @@ from adhesion_jax.report.discovery.words import (
     evidence,
     humanised,
     kind_of_run,
+    opinion_sentence,
+    verdict,
 )
 from adhesion_jax.report.events import EVENTS_FIGURE, draw_events
 from adhesion_jax.report.page import CAPTIONS, Page
-from adhesion_jax.report.rendering import page_markdown, page_of, write_page
-from adhesion_jax.report.text import WIDTH, filled, in_columns, one_line
+from adhesion_jax.report.rendering import (
+    WIDTH,
+    filled,
+    in_columns,
+    one_line,
+    page_markdown,
+    page_of,
+    write_page,
+)
 
 #: The files of a discovery; those that do not apply are not written.
 DISCOVERY_FILES = (

@@ -18,7 +18,7 @@ from adhesion_jax.report.discovery.words import (
     percent_in_brackets,
 )
 from adhesion_jax.report.page import Table
-from adhesion_jax.report.text import one_line
+from adhesion_jax.report.rendering import one_line
 from adhesion_jax.wording import p_value, plus_minus
 
 

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from adhesion_jax.campaign.traction import WHOLE
-from adhesion_jax.leaderboard.field import OPTIMA
 from adhesion_jax.leaderboard.judging import COURSES, Shown
 from adhesion_jax.leaderboard.runs import SLIPS, Course
 from adhesion_jax.leaderboard.table import COSTS, RANKED_BY
+from adhesion_jax.leaderboard.terms import OPTIMA
 from adhesion_jax.report.style import light_frame, line_styles, one_legend
 
 

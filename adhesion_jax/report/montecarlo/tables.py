@@ -7,7 +7,7 @@ import pandas as pd
 
 from adhesion_jax.campaign.overview import OVERVIEW
 from adhesion_jax.report.montecarlo.overview import text as overview_text
-from adhesion_jax.report.text import with_errors
+from adhesion_jax.report.rendering import with_errors
 from adhesion_jax.wording import plus_minus
 
 

@@ -9,8 +9,7 @@ from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.log import InitialSlope, Log
 from adhesion_jax.report.measured.words import reasons
-from adhesion_jax.report.rendering import text_of
-from adhesion_jax.report.text import flush_left, with_errors
+from adhesion_jax.report.rendering import flush_left, text_of, with_errors
 from adhesion_jax.wording import listed, number, plus_minus
 
 #: Above this share of the initial slope its standard error is said to be large.

@@ -10,8 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from adhesion_jax.report.style import light_frame, line_styles
-from adhesion_jax.report.traction.panels import draw_lines
-from adhesion_jax.report.traction.runs import Array, Line, Shown, curves, mean_of_axles
+from adhesion_jax.report.traction.panels import (
+    Array,
+    Line,
+    Shown,
+    curves,
+    draw_lines,
+    mean_of_axles,
+)
 
 #: The operating point is shown from this time before the switch on, s.
 _BEFORE = 1.0

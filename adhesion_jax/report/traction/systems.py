@@ -1,6 +1,7 @@
 """The tables and figures of three papers beside ours: each of its numbers has a mark."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -8,11 +9,14 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.campaign.traction import QUIET, WHOLE
-from adhesion_jax.report.traction.panels import Line, Mark, Panel
-from adhesion_jax.report.traction.runs import (
+from adhesion_jax.report.page import CAPTIONS
+from adhesion_jax.report.traction.panels import (
     KMH,
     TIME,
     Array,
+    Line,
+    Mark,
+    Panel,
     Shown,
     adhesion,
     adhesions,
@@ -254,3 +258,18 @@ def hxd1f_figures(shown: Sequence[Shown], _: Plant) -> Mapping[str, Sequence[Pan
 def _slip_of_hxd1f(one: Shown) -> Panel:
     marks = [Mark("paper's best slip", y=slip) for slip in hxd1f.PRINTED_BEST_SLIP.values()]
     return slips(one, one.case.method, marks, limits=(-0.05, 0.5))
+
+
+class Subject(NamedTuple):
+    """The table and the figures of one system."""
+
+    table: Callable[[pd.DataFrame], pd.DataFrame]
+    figures: Callable[[Sequence[Shown], Plant], Mapping[str, Sequence[Panel]]]
+    captions: Mapping[str, str]  # of each figure
+
+
+SUBJECTS: Mapping[str, Subject] = {
+    "uyulan2018": Subject(uyulan2018_table, uyulan2018_figures, CAPTIONS["uyulan2018"]),
+    "fang2018": Subject(fang2018_table, fang2018_figures, CAPTIONS["fang2018"]),
+    "hxd1f": Subject(hxd1f_table, hxd1f_figures, CAPTIONS["hxd1f"]),
+}
