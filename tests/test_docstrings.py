@@ -1,8 +1,10 @@
 """What is public tells its arguments or fields one a line, as the page of public names shows."""
 
 import re
+from dataclasses import is_dataclass
 from inspect import Parameter, getdoc, isfunction, signature
 
+import equinox as eqx
 import pytest
 
 import adhesion_jax
@@ -29,7 +31,13 @@ def test_a_function_tells_its_arguments_and_what_it_raises(name):
 
 
 FIELDS = {
-    name: [field for field in vars(one).get("__annotations__", ()) if not field.isupper()]
+    name: [
+        field
+        for kind in reversed(one.__mro__)  # of a result also those that the reports read of it
+        if kind is one or (is_dataclass(kind) and not issubclass(kind, eqx.Module))
+        for field in vars(kind).get("__annotations__", ())
+        if not field.isupper()
+    ]
     for name, one in PUBLIC.items()
     if isinstance(one, type)
 }

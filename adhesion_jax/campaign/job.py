@@ -85,11 +85,8 @@ def parts_of(config: Config, scenarios: Sequence[str]) -> list[Config]:
         part = dataclasses.replace(config, scenario=scenario)
         try:
             built = build_scenario(part)
-            if config.identifiers:
-                suited = [
-                    n for n in config.identifiers if IDENTIFIERS[n].accepts(built.known) is None
-                ]
-                part = dataclasses.replace(part, identifiers=tuple(suited) or config.identifiers)
+            suited = [n for n in config.identifiers if IDENTIFIERS[n].accepts(built.known) is None]
+            part = dataclasses.replace(part, identifiers=tuple(suited) or config.identifiers)
             choose_identifiers(part, built)
         except InputError as refusal:
             refusals.append(refusal)

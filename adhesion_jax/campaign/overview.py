@@ -64,17 +64,13 @@ def _of_scenario(job: Job, campaign: Campaign) -> pd.DataFrame:
 
 def _tracked(campaign: Campaign, name: str) -> dict[str, object]:
     """Median delay after a switch, false resets per 1000 steps, and lag behind a drift in steps."""
-    columns = {"delay": np.nan, "false_resets_per_1000": np.nan, "lag": np.nan}
     table = campaign.tables.get("tracking")
     if table is None:
-        return {**columns}
+        return dict.fromkeys(("delay", "false_resets_per_1000", "lag"), np.nan)
     own = table[table["identifier"] == name]
-    after = own[own["overshoot"].notna()]
-    return {
-        "delay": float(after["delay_median"].mean()),
-        "false_resets_per_1000": float(own["false_resets_per_1000"].mean()),
-        "lag": float(own["lag"].mean()),
-    }
+    after = own["delay_median"][own["overshoot"].notna()]
+    means = {"delay": after, **own[["false_resets_per_1000", "lag"]]}
+    return {column: float(values.mean()) for column, values in means.items()}
 
 
 def _bytes_of(job: Job, name: str) -> int:

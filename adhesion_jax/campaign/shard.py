@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from adhesion_jax.campaign.job import REFERENCE, Job
-from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import Found, estimate_rows
-from adhesion_jax.campaign.store import Content
+from adhesion_jax.campaign.store import Content, Tell
 from adhesion_jax.campaign.tiles import TILE, TileResult, Tiles
 from adhesion_jax.identifiers import Identifier, Status
 from adhesion_jax.inference.sandwich import COSINES
@@ -175,12 +174,14 @@ def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequen
     # A gap to the exact optimum is a failure only if the optimum is known and minimised.
     fits, none = job.methods[name].FITS_LAST_RECORD, np.zeros_like(one.objective)
     optimum = found.get(REFERENCE, one) if fits else one
+    values, errors, robust = (
+        np.stack([of[quantity] for quantity in quantities], axis=-1)
+        for of in (one.values, one.standard_errors, one.cosine_errors)
+    )
     return Outcome(
-        values=np.stack([one.values[q] for q in quantities], axis=-1),
-        standard_errors=np.stack([one.standard_errors[q] for q in quantities], axis=-1),
-        robust=np.stack(
-            [stdtrit(COSINES, 0.975) * one.cosine_errors[q] for q in quantities], axis=-1
-        ),
+        values=values,
+        standard_errors=errors,
+        robust=stdtrit(COSINES, 0.975) * robust,
         on_box=one.on_box,
         unusable=np.isin(one.status, _UNUSABLE),
         objective=one.objective if fits else none,

@@ -4,14 +4,19 @@ A shard is a part of a job that one process computes, a function of the job and 
 alone. It has two files, its rows (parquet) and what the runs add up to (npz). The second gets its
 name last and holds the checksum of the first: a shard is there if both agree. `job.json` says what
 was computed. The folder is locked while a job computes.
+
+For those who wait there are notes on the shards that are being computed: the runs done and what
+goes on. A note is a small file beside the shards, which begins as what is not complete does.
+Nothing depends on it: one that cannot be written or read is left out.
 """
 
 import io
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
@@ -23,9 +28,61 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from adhesion_jax.campaign.notes import PARTIAL, Tell, noting
 from adhesion_jax.campaign.rows import row_schema
 from adhesion_jax.errors import InputError
+
+#: What begins with this is not complete yet, or was left by a job that was killed.
+PARTIAL = ".partial-"
+
+_NOTE = f"{PARTIAL}note-"
+
+#: Seconds between two notes on the same thing.
+_PAUSE = 0.5
+
+#: Takes the number of runs that are done, and words on what goes on.
+Tell = Callable[[int, str], None]
+
+
+@contextmanager
+def noting(folder: Path, shard: str) -> Iterator[Tell]:
+    """Keep a note on a shard while it is computed: new words at once, numbers now and then."""
+    path, told, last = folder / f"{_NOTE}{shard}", set[str](), 0.0
+
+    def tell(runs: int, words: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if words not in told or now - last > _PAUSE:
+            told.add(words)
+            last = now
+            with suppress(OSError):
+                path.write_text(f"{runs} {words}", encoding="utf-8")
+
+    try:
+        yield tell
+    finally:
+        with suppress(OSError):
+            path.unlink()
+
+
+def notes(folder: Path) -> list[tuple[int, str]]:
+    """The runs done and the words on what goes on of every shard that is being computed.
+
+    Workers of a cluster have folders of their own in that of the shards; of those that send what
+    they store there are no notes.
+    """
+    found = []
+    paths = [
+        Path(where, name)
+        for where, _, names in os.walk(folder)  # which passes over a folder that vanishes
+        for name in names
+        if name.startswith(_NOTE)
+    ]
+    for path in sorted(paths):
+        with suppress(OSError, ValueError):
+            runs, _, words = path.read_text(encoding="utf-8").partition(" ")
+            found.append((int(runs), words))
+    return found
+
 
 #: The folder of the shards within that of the results.
 FOLDER = "shards"

@@ -15,10 +15,9 @@ import pyarrow as pa
 
 from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
 from adhesion_jax.campaign.loops import computed, form_of
-from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.rows import segment_rows
-from adhesion_jax.campaign.store import Arrays, Content
+from adhesion_jax.campaign.store import Arrays, Content, Tell
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.metrics.moments import KnownMoments, plus
 from adhesion_jax.runtime import CORES, silent

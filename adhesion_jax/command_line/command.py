@@ -357,6 +357,13 @@ def record(folder: Path) -> None:
         write_metadata(stage / METADATA, {**_asked(), **told})
 
 
+def written(found: object, folder: Path, seconds: float | None = None) -> None:
+    """Record what was asked, and print the result and where its files are."""
+    record(folder)
+    took = "" if seconds is None else f" in {seconds:.0f} s"
+    click.echo(f"{found}\n\nWritten to {folder}{took}")
+
+
 def _asked() -> Mapping[str, object]:
     """The command, its arguments, from where, and what all options came to, as JSON has it."""
     context = click.get_current_context()

@@ -1,7 +1,6 @@
 """`adhesion discover`: which physical effect a law lacks in measured data."""
 
 import textwrap
-from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -14,10 +13,10 @@ from adhesion_jax.command_line.command import (
     command,
     listing,
     out_folder,
-    record,
     shown,
+    written,
 )
-from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
+from adhesion_jax.command_line.reading import Log, Reading, reading, slip_noise
 from adhesion_jax.plugins import Part
 
 NAMES = catalogue().names
@@ -31,7 +30,6 @@ _RUNS = Log(NAMES["data"])
 )
 @click.argument("train", type=_RUNS, nargs=-1, required=True)
 @reading
-@slip_events
 @click.option(
     "--test",
     "tests",
@@ -66,10 +64,7 @@ def main(
     tests: tuple[str, ...],
     curve: tuple[Any, ...],
     effects: tuple[Part, ...] | None,
-    events: bool | None,
-    columns: Mapping[str, object],
-    known: Mapping[str, Any],
-    dry_run: bool,
+    reading: Reading,
     **asked: Any,
 ) -> None:
     """Find what an adhesion curve lacks in the runs of TRAIN, and what it is worth.
@@ -79,22 +74,19 @@ def main(
     eurosprinter, roller-rig. Nothing is fitted to the runs of --test.
     """
     _, curves = begin(effects, curve)
-    from adhesion_jax.data.events import events_of
     from adhesion_jax.files import output_directory
     from adhesion_jax.library.discover import discover
 
-    measured = read(train, columns, known, for_search=True)
-    judged = read(tests, columns, known, for_search=True) if tests else []
-    if dry_run:
+    if reading.dry_run:
+        for files in filter(None, (train, tests)):
+            reading.tables(files, for_search=True)
         return
+    logs = reading.logs(train, for_search=True)
+    test = reading.logs(tests, for_search=True) if tests else None
     output_directory(asked["out"])
-    logs, test = events_of(measured, events), events_of(judged, events) if judged else None
-    # Nothing holds the logs while effects are searched in their events.
-    del measured, judged
     used = " ".join(filter(None, (log.sentence for log in logs)))
     if used:
         click.echo(f"{textwrap.fill(used, 96)}\n")
     with shown() as progress:
         found = discover(logs, test, curves, progress=progress, **asked)
-    record(asked["out"])
-    click.echo(f"{found}\n\nWritten to {asked['out']} in {found.findings.seconds:.0f} s")
+    written(found, asked["out"], found.findings.seconds)

@@ -1,6 +1,5 @@
 """`adhesion identify`: which adhesion curve measured points follow."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -12,10 +11,10 @@ from adhesion_jax.command_line.command import (
     command,
     listing,
     out_folder,
-    record,
     shown,
+    written,
 )
-from adhesion_jax.command_line.reading import Log, read, reading, slip_events, slip_noise
+from adhesion_jax.command_line.reading import Log, Reading, reading, slip_noise
 
 NAMES = catalogue().names
 
@@ -33,7 +32,6 @@ NAMES = catalogue().names
     default="all",
     help=f"Some of {', '.join(NAMES['curves'])}, FILE.py:NAME, or all, divided by commas.",
 )
-@slip_events
 @click.option(
     "--by",
     metavar="COLUMN",
@@ -50,11 +48,8 @@ NAMES = catalogue().names
 def main(
     files: tuple[str, ...],
     curve: tuple[Any, ...],
-    events: bool | None,
     by: str | None,
-    columns: Mapping[str, object],
-    known: Mapping[str, Any],
-    dry_run: bool,
+    reading: Reading,
     **asked: Any,
 ) -> None:
     """Fit adhesion curves to the measured points of FILES and say what they are worth.
@@ -66,19 +61,10 @@ def main(
     package: eurosprinter. (roller-rig has one slip and no curve: adhesion discover.)
     """
     (names,) = begin(curve)
-    from adhesion_jax.data import as_one, check_curve
-    from adhesion_jax.data.events import events_of
     from adhesion_jax.library.identify import identify, with_groups
 
-    measured = read(files, with_groups(columns, by), known)
-    if dry_run:
-        check_curve(as_one(measured))
-        return
-    # Nothing holds the log while the curves are fitted to its events.
-    logs = events_of(measured, events)
-    del measured
+    logs = reading._replace(columns=with_groups(reading.columns, by)).logs(files)
     curves = None if "all" in names else names
     with shown() as progress:
         found = identify(logs, curves, by=by, progress=progress, **asked)
-    record(asked["out"])
-    click.echo(f"{found}\n\nWritten to {asked['out']}")
+    written(found, asked["out"])

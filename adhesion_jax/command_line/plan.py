@@ -1,7 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -17,9 +17,9 @@ from adhesion_jax.command_line.command import (
     listing,
     number_in,
     out_folder,
-    record,
+    written,
 )
-from adhesion_jax.command_line.reading import Log, read, reading, slip_events
+from adhesion_jax.command_line.reading import Log, Reading, reading
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import NOISE
 
@@ -27,11 +27,6 @@ NAMES = catalogue().names
 
 #: Largest number of values in a range.
 _MOST_VALUES = 50
-
-#: Options that belong to a LOG, and those of sweeps, which a log has not; and what they are when
-#: they are not given.
-_OF_LOGS: Mapping[str, object] = {"columns": {}, "known": {}, "dry_run": False, "events": None}
-_OF_SWEEPS = {"samples_per_run": None}
 
 
 class Written(click.ParamType):
@@ -101,7 +96,6 @@ def noise(command: Callable[..., None]) -> Callable[..., None]:
 )
 @click.argument("log", type=Log(NAMES["data"]), required=False)
 @reading
-@slip_events
 @click.option("--rail", type=Name(NAMES["rails"]), help=f"{', '.join(NAMES['rails'])}.")
 @click.option(
     "--law",
@@ -141,6 +135,7 @@ def main(
     law: str | None,
     curve: tuple[Any, ...] | None,
     conditions: tuple[tuple[str, float], ...],
+    reading: Reading,
     **asked: Any,
 ) -> None:
     """Say how far the slip must go, and how many samples it takes, to know the peak.
@@ -158,35 +153,19 @@ def main(
         )
     if curve and log is None:
         raise InputError(f"--curve goes with LOG, not with {named[0]}.")
-    _refuse(asked, _OF_LOGS if log is None else _OF_SWEEPS, named[0])
-    columns, known, dry_run, events = (asked.pop(option) for option in _OF_LOGS)
+    of_sweeps = {"samples_per_run": asked["samples_per_run"]}
+    for option, value in (reading.asked() if log is None else of_sweeps).items():
+        if value is not None:
+            raise InputError(f"--{option.replace('_', '-')} does not go with {named[0]}.")
     (names,) = begin(curve)
-    from adhesion_jax.data import as_one, check_curve
-    from adhesion_jax.data.events import events_of
     from adhesion_jax.effects.saved import load_law
     from adhesion_jax.library.identify import identify
     from adhesion_jax.library.plan import plan
 
     source: Any = rail
     if log is not None:
-        measured = read([log], columns, known)
-        if dry_run:
-            check_curve(as_one(measured))
-            return
-        chosen = events_of(measured, events)
-        del measured  # nothing holds the log while curves are fitted to its events
-        source = identify(chosen, names)
+        source = identify(reading.logs([log]), names)
     elif law is not None:
         source = load_law(law)
     found = plan(source, conditions=dict(conditions), **asked)
-    record(asked["out"])
-    click.echo(f"{found}\n\nWritten to {asked['out']}")
-
-
-def _refuse(asked: Mapping[str, object], options: Mapping[str, object], source: str) -> None:
-    """InputError if one of the options, by what it is when it is not given, was given."""
-    for option, absent in options.items():
-        if asked[option] != absent:
-            given = next(iter(asked[option])) if option == "known" else option  # type: ignore[call-overload]
-            name = "delay" if given == "delays" else given.replace("_", "-")
-            raise InputError(f"--{name} does not go with {source}.")
+    written(found, asked["out"])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -16,21 +16,13 @@ from adhesion_jax.errors import InputError
 
 if TYPE_CHECKING:
     from adhesion_jax.data import Measured
+    from adhesion_jax.data.events import Chosen
 
 #: What is said where nothing can be read.
 WANTED = "name a file of measurements, or a folder or a pattern of such files"
 
 #: What of sensors and wheelset the columns do not tell, as the functions of the library take it.
 CORRECTIONS = ("wheel_radius", "delays", "inertia", "gear_ratio", "efficiency", "axles")
-
-#: Whether a command shall cut slip events out of a log.
-slip_events = click.option(
-    "--events/--whole",
-    "events",
-    default=None,
-    help="Cut the slip events out of a log, as runs, or use all of its rows. By default events are "
-    "cut out of a table of 10,000 rows or more with a time and without a column run.",
-)
 
 slip_noise = click.option(
     "--slip-noise",
@@ -98,6 +90,13 @@ _OPTIONS = (
         "default they are where two quantities of a log have as many.",
     ),
     click.option(
+        "--events/--whole",
+        default=None,
+        help="Cut the slip events out of a log, as runs, or use all of its rows. By default events "
+        "are cut out of a table of 10,000 rows or more with a time and without a column run; track "
+        "uses them alone in a log that hardly slips.",
+    ),
+    click.option(
         "--dry-run", is_flag=True, help="Print how the columns are understood, and stop there."
     ),
 )
@@ -118,52 +117,74 @@ class Log(File):
         return super().convert(value, param, ctx)
 
 
-def reading(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds the options; the command is then called with columns, known and dry_run.
+class Reading(NamedTuple):
+    """What a command is told of the logs that it reads, as the functions of the library take it."""
 
-    `columns` maps a quantity to what was said of it, as the functions of the library take it, and
-    `known` has those of CORRECTIONS that were given, by the names of the arguments of the library.
-    """
+    columns: Mapping[str, object]  # what was said of a quantity
+    known: Mapping[str, Any]  # those of CORRECTIONS that were given
+    events: bool | None  # whether the slip events of a log are used alone
+    dry_run: bool
+
+    def asked(self) -> Mapping[str, object]:
+        """What was asked for by the names of the options; None is what was not."""
+        delay = {"delay" if name == "delays" else name: one for name, one in self.known.items()}
+        whole = {"columns": self.columns or None, **delay, "dry_run": self.dry_run or None}
+        return {**whole, "events": self.events}
+
+    def tables(self, files: Sequence[str], for_search: bool = False) -> "list[Measured]":
+        """The measurements; what was understood of each is printed, refused or not.
+
+        A search for effects is satisfied with columns of which it needs fewer rows, and ends a dry
+        run by itself: others end here.
+        """
+        from adhesion_jax.data import as_one, check_curve
+        from adhesion_jax.data.forces import Corrections
+        from adhesion_jax.data.reading import NotUnderstoodError
+        from adhesion_jax.data.stretches import FEW, FEW_OF_A_SEARCH
+        from adhesion_jax.library.reading import all_of
+        from adhesion_jax.report.measured.words import columns_table, understood
+
+        corrections, few = Corrections(**self.known), FEW_OF_A_SEARCH if for_search else FEW
+        with shown() as progress:
+            try:
+                found = all_of(files, self.columns, corrections, progress, few)
+            except NotUnderstoodError as refused:
+                click.echo(f"Columns as understood so far:\n{columns_table(refused.understood)}\n")
+                raise
+        click.echo("\n\n".join(map(understood, found)) + "\n")
+        if self.dry_run and not for_search:
+            check_curve(as_one(found))
+            click.get_current_context().exit()
+        return found
+
+    def logs(self, files: Sequence[str], for_search: bool = False) -> "Sequence[Chosen]":
+        """The same, of which the rows or slip events that are used are kept, and no other rows."""
+        from adhesion_jax.data.events import events_of
+
+        return events_of(self.tables(files, for_search), self.events)
+
+
+def reading(command: Callable[..., None]) -> Callable[..., None]:
+    """Adds the options; the command is then called with a `Reading`."""
 
     @wraps(command)
     def told(
-        *args: Any, columns_file: Path | None, columns_named: Sequence[str], **asked: Any
+        *args: Any,
+        columns_file: Path | None,
+        columns_named: Sequence[str],
+        events: bool | None,
+        dry_run: bool,
+        **asked: Any,
     ) -> None:
         asked["delays"] = _delays(asked["delays"]) or None
         given = {name: asked.pop(name) for name in CORRECTIONS}
         known = {name: value for name, value in given.items() if value is not None}
-        command(*args, columns=_columns(columns_file, columns_named), known=known, **asked)
+        columns = _columns(columns_file, columns_named)
+        command(*args, reading=Reading(columns, known, events, dry_run), **asked)
 
     for option in reversed(_OPTIONS):
         told = option(told)
     return told
-
-
-def read(
-    files: Sequence[str],
-    columns: Mapping[str, object],
-    known: Mapping[str, Any],
-    for_search: bool = False,
-) -> "list[Measured]":
-    """The measurements of the files; what was understood of each is printed, refused or not.
-
-    A search for effects is satisfied with columns of which it needs fewer rows.
-    """
-    from adhesion_jax.data.forces import Corrections
-    from adhesion_jax.data.reading import NotUnderstoodError
-    from adhesion_jax.data.stretches import FEW, FEW_OF_A_SEARCH
-    from adhesion_jax.library.reading import all_of
-    from adhesion_jax.report.measured.words import columns_table, understood
-
-    corrections, few = Corrections(**known), FEW_OF_A_SEARCH if for_search else FEW
-    with shown() as progress:
-        try:
-            found = all_of(files, columns, corrections, progress, few)
-        except NotUnderstoodError as refused:
-            click.echo(f"Columns as understood so far:\n{columns_table(refused.understood)}\n")
-            raise
-    click.echo("\n\n".join(map(understood, found)) + "\n")
-    return found
 
 
 def _delays(named: Sequence[str]) -> dict[str, float]:

@@ -1,6 +1,5 @@
 """`adhesion track`: a log followed by online methods, sample by sample."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -13,10 +12,10 @@ from adhesion_jax.command_line.command import (
     command,
     listing,
     out_folder,
-    record,
     shown,
+    written,
 )
-from adhesion_jax.command_line.reading import Log, read, reading
+from adhesion_jax.command_line.reading import Log, Reading, reading
 from adhesion_jax.errors import InputError
 
 KNOWN = catalogue()
@@ -43,20 +42,12 @@ _ONLINE = [name for name in NAMES["identifiers"] if name not in KNOWN.not_follow
     help="Slope a0 of the adhesion curve at slip 0, per unit of slip; by default that of a fit of "
     "Kiencke's curve to the log, with its error in the bands.",
 )
-@click.option(
-    "--events/--whole",
-    default=None,
-    help="Use the slip events of the log alone, or all samples; by default the events are cut out "
-    "of a log that hardly slips.",
-)
 @out_folder("track", "track.csv, track.png and track.txt")
 @listing(data=NAMES["data"], identifiers=_ONLINE)
 def main(
     log: str,
     identifiers: tuple[Any, ...] | None,
-    columns: Mapping[str, object],
-    known: Mapping[str, Any],
-    dry_run: bool,
+    reading: Reading,
     **asked: Any,
 ) -> None:
     """Follow LOG sample by sample, and draw what is known of the largest adhesion over time.
@@ -70,14 +61,9 @@ def main(
                 f"--identifiers {name} cannot follow a log: {KNOWN.not_following[name]}."
             )
     (names,) = begin(identifiers)
-    from adhesion_jax.data import check_curve
     from adhesion_jax.library.track import METHODS, track
 
-    (measured,) = read([log], columns, known)
-    if dry_run:
-        check_curve(measured)
-        return
+    (measured,) = reading.tables([log])
     with shown() as progress:
-        found = track(measured, names or METHODS, progress=progress, **asked)
-    record(asked["out"])
-    click.echo(f"{found}\n\nWritten to {asked['out']}")
+        found = track(measured, names or METHODS, events=reading.events, progress=progress, **asked)
+    written(found, asked["out"])

@@ -17,7 +17,7 @@ from adhesion_jax.command_line.command import (
     in_shards,
     listing,
     out_folder,
-    record,
+    written,
 )
 from adhesion_jax.errors import InputError
 from adhesion_jax.options import MOST_RUNS
@@ -143,5 +143,4 @@ def main(system: str, workers: int | None, out: Path, **asked: Any) -> None:
     found: Leaderboard | Traction = (
         traction_leaderboard(**asked) if of_board else traction_control(system, **asked)
     )
-    record(out)
-    click.echo(f"{found}\n\nWritten to {out} in {found.seconds:.0f} s")
+    written(found, out, found.seconds)

@@ -4,6 +4,7 @@ Each family of rails has as many runs a seed, with seeds that follow one another
 the same rails and the same noise, so that they are compared run by run.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -13,9 +14,8 @@ import pyarrow as pa
 from jaxtyping import Array, Float, Key
 
 from adhesion_jax.campaign.keys import noise_keys
-from adhesion_jax.campaign.notes import Tell
 from adhesion_jax.campaign.rows import segment_rows
-from adhesion_jax.campaign.store import Arrays, Content
+from adhesion_jax.campaign.store import Arrays, Content, Tell
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.leaderboard.runs import TILE, Course, tile
 from adhesion_jax.leaderboard.terms import Field
@@ -146,10 +146,10 @@ class Shown(NamedTuple):
 
 def shown_of(job: Judging, shards: Iterable[Arrays]) -> Mapping[tuple[str, str], Shown]:
     """The best, a median and the worst run of each method by rails and method."""
-    parts: dict[tuple[str, str], list[Shown]] = {}
+    parts: dict[tuple[str, str], list[Shown]] = defaultdict(list)
     for (_, rails, method), arrays in zip(job.units, shards, strict=True):
         course = Course(*(arrays[f"course {name}"] for name in Course._fields))
-        parts.setdefault((rails, method), []).append(Shown(arrays["shown"], course))
+        parts[rails, method].append(Shown(arrays["shown"], course))
     found = {}
     for name, several in parts.items():
         best = max(several, key=lambda one: one.utilisation[0])

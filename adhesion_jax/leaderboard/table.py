@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
@@ -77,22 +76,20 @@ def _row(
     rails: str, method: str, part: pd.DataFrame, known: Known, versions: Versions, tuned_on: str
 ) -> dict[str, Any]:
     runs = part[part["segment"] == WHOLE]
-    fails = ~np.isfinite(runs["utilisation"].to_numpy())
-    failed = set(zip(runs["seed"][fails], runs["run"][fails], strict=True))
-    whole = runs[~fails]
-    of_segments = part[part["segment"] != WHOLE]
-    sound = [one not in failed for one in zip(of_segments["seed"], of_segments["run"], strict=True)]
-    of_segments = of_segments[np.array(sound, dtype=bool)]
-    of_segments = of_segments[np.isfinite(of_segments["never95"])]
+    whole = runs[np.isfinite(runs["utilisation"])]
+    failed = len(runs) - len(whole)
+    numbers, sound = (pd.MultiIndex.from_frame(of[["seed", "run"]]) for of in (part, whole))
+    segments = (part["segment"] != WHOLE) & numbers.isin(sound) & np.isfinite(part["never95"])
+    of_segments = part[segments]
     row: dict[str, Any] = {
         "rails": rails,
         "method": method,
         "remark": "told what no train can measure" if known.told else "",
         "runs": len(runs),
-        "failed": len(failed),
+        "failed": failed,
     }
     if failed:
-        row["remark"] = f"no number in {len(failed)} of {len(runs)} runs"
+        row["remark"] = f"no number in {failed} of {len(runs)} runs"
     for name in MEANS:
         values = whole[name].to_numpy() / (_MEGA if name.startswith("utility") else 1.0)
         row[name] = values.mean() if len(values) else np.nan
@@ -147,50 +144,38 @@ def _with_differences(table: pd.DataFrame, segments: pd.DataFrame) -> pd.DataFra
         here = whole[whole["rails"] == rails]
         fair = part[part["remark"] == ""]
         best = "" if fair.empty else top(fair, "utilisation")
-        columns = {
-            "difference": [
-                _difference(*_pair(here, "utilisation", method, best)) for method in part["method"]
-            ],
-            **{
-                f"utility_{price}_share": [
-                    _ratio(*_pair(here, f"utility_{price}", method, optimum))
-                    for method in part["method"]
-                ]
-                for price, optimum in OPTIMA.items()
-            },
+        compared = {
+            "difference": ("utilisation", best, False),
+            **{f"utility_{p}_share": (f"utility_{p}", one, True) for p, one in OPTIMA.items()},
         }
-        for name, found in columns.items():
-            part = part.assign(**{name: [x for x, _ in found], f"{name}_se": [e for _, e in found]})
+        for column, (name, other, share) in compared.items():
+            pairs = [_compared(here, name, method, other, share) for method in part["method"]]
+            means, errors = np.transpose(pairs)
+            part = part.assign(**{column: means, f"{column}_se": errors})
         parts.append(part)
     return pd.concat(parts, ignore_index=True)
 
 
-def _pair(
-    whole: pd.DataFrame, name: str, one: str, other: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A figure of two methods in the runs in which both have it."""
+def _compared(
+    whole: pd.DataFrame, name: str, one: str, other: str, share: bool
+) -> tuple[float, float]:
+    """The mean difference of a figure of two methods, or the ratio of its means, with its error.
+
+    Of the runs in which both have the figure; the error of the ratio is that to the first order.
+    """
     keyed = [
         whole.loc[whole["method"] == method].set_index(["seed", "run"])[name]
         for method in (one, other)
     ]
     both = pd.concat(keyed, axis=1, join="inner").to_numpy()
     both = both[np.isfinite(both).all(axis=1)]
-    return both[:, 0], both[:, 1]
-
-
-def _difference(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, float]:
-    """The mean difference and its standard error."""
-    if not len(one):
+    if not len(both):
         return np.nan, np.nan
-    return float(np.mean(one - other)), standard_error(one - other)
-
-
-def _ratio(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[float, float]:
-    """The ratio of the means and its standard error, to the first order."""
-    if not len(one):
-        return np.nan, np.nan
-    ratio = float(one.mean() / other.mean())
-    return ratio, standard_error(one - ratio * other) / abs(float(other.mean()))
+    own, theirs = both.T
+    if not share:
+        return float(np.mean(own - theirs)), standard_error(own - theirs)
+    ratio = float(own.mean() / theirs.mean())
+    return ratio, standard_error(own - ratio * theirs) / abs(float(theirs.mean()))
 
 
 def with_rows(table: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:

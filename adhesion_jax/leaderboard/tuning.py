@@ -4,6 +4,7 @@ The points are the first of one scrambled Sobol sequence, in as many of its coor
 has numbers. The point with the largest mean utilisation is chosen.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -15,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats.qmc import Sobol
 
 from adhesion_jax.campaign.keys import noise_keys
-from adhesion_jax.campaign.notes import Tell
-from adhesion_jax.campaign.store import Arrays, Content
+from adhesion_jax.campaign.store import Arrays, Content, Tell
 from adhesion_jax.leaderboard.cost import Cost, cost
 from adhesion_jax.leaderboard.runs import TILE, standard_error, tile
 from adhesion_jax.leaderboard.terms import Field
@@ -141,21 +141,16 @@ class Tuned(NamedTuple):
 
 def tuned(job: Tuning, shards: Iterable[Arrays]) -> Mapping[str, Tuned]:
     """The best configuration of each method: one that fails on a rail is none."""
-    parts: dict[str, dict[str, list[Arrays]]] = {
-        name: {rails: [] for rails in job.families} for name in job.field.entrants
-    }
+    parts: dict[tuple[str, str], list[Arrays]] = defaultdict(list)
     for (_, rails, method), arrays in zip(job.units, shards, strict=True):
-        parts[method][rails].append(arrays)
+        parts[method, rails].append(arrays)
     found = {}
-    for method, of_method in parts.items():
-        used = np.hstack(
-            [
-                np.concatenate([one["utilisation"] for one in each]).reshape(-1, job.each)
-                for each in of_method.values()
-            ]
-        )
+    for method in job.field.entrants:
+        of_method = [parts[method, rails] for rails in job.families]
+        of_rails = (np.concatenate([one["utilisation"] for one in each]) for each in of_method)
+        used = np.hstack([each.reshape(-1, job.each) for each in of_rails])
         best = int(np.nan_to_num(used.mean(axis=1), nan=-np.inf).argmax())
-        microseconds, state_bytes = next(iter(of_method.values()))[0]["cost"]
+        microseconds, state_bytes = of_method[0][0]["cost"]
         found[method] = Tuned(
             points(job.field.entrants[method], job.budget)[best],
             float(used[best].mean()),

@@ -1,8 +1,8 @@
 """`traction_leaderboard`: methods of slip control on equal terms, one's own among them."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -22,7 +22,7 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.leaderboard import judging, tuning
 from adhesion_jax.leaderboard.disturbances import ALL, disturbances, over_all, with_worst
-from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, Shown, shown_of
+from adhesion_jax.leaderboard.judging import PEAKS, SEEDS, Judging, shown_of
 from adhesion_jax.leaderboard.table import COLUMNS, Known, board_of, table_of, with_rows
 from adhesion_jax.leaderboard.terms import (
     OPTIMA,
@@ -74,7 +74,7 @@ _TOLD = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Leaderboard:
+class Leaderboard(Judged):
     """Methods of slip control, as they were judged on rails that they were not tuned on.
 
     Attributes:
@@ -86,9 +86,6 @@ class Leaderboard:
         seconds: by the clock.
     """
 
-    table: pd.DataFrame
-    segments: pd.DataFrame
-    courses: Mapping[tuple[str, str], Shown]
     plant: PlantFile
     told: Mapping[str, Any]
     seconds: float
@@ -108,8 +105,7 @@ class Leaderboard:
     @as_in_commands
     def plot(self) -> Figure:
         """What a method uses of the rail, against what it takes; or under each disturbance."""
-        draw = rail_map if self._robust else trade
-        return draw(Judged(self.table, self.segments, self.courses))
+        return rail_map(self) if self._robust else trade(self)
 
     @property
     def _robust(self) -> bool:
@@ -124,10 +120,9 @@ class Leaderboard:
         write_table(path / file, self.table)
         write_table(path / "curves.csv", self.curves)
         for name, draw in figures.items():
-            drawn = draw(Judged(self.table, self.segments, self.courses))
-            drawn.savefig(path / f"{name}.png", dpi=120)
-        page_of = robust_page if self._robust else leaderboard_page
-        write_page(path, page_of(self.table, self.plant, SYSTEMS[SYSTEM], self.told))
+            draw(self).savefig(path / f"{name}.png", dpi=120)
+        page = robust_page if self._robust else leaderboard_page
+        write_page(path, page(self.table, self.plant, SYSTEMS[SYSTEM], self.told))
         told = {**self.told, "seconds": self.seconds, **runtime.describe()}
         write_metadata(path / METADATA, told)
 
@@ -247,10 +242,15 @@ def traction_leaderboard(
     to_tune = Tuning(field._replace(entrants=alone), of_tuned, budget, tuning_seed)
     to_judge = Judging(field, families, {}, runs, seed)
     with (
-        _folder(out) as directory,
+        TemporaryDirectory() if out is None else nullcontext(out) as results,
         pool_of(workers, cluster) as pool,
         opened_for(
-            "leaderboard", [to_judge, to_tune], directory, LEADERBOARD_FILES, resume, extend
+            "leaderboard",
+            [to_judge, to_tune],
+            output_directory(Path(results)),
+            LEADERBOARD_FILES,
+            resume,
+            extend,
         ) as (folder, stage),
     ):
         compute(tuning.content, [to_tune], folder, lambda _: pool)
@@ -354,13 +354,3 @@ def _known(entrant: Entrant, own: Tuned | None, optimum: Tuned) -> Known:
         ", ".join(numbers),
         *(own or optimum).cost,
     )
-
-
-@contextmanager
-def _folder(out: str | PathLike[str] | None) -> Iterator[Path]:
-    """The folder of the results, or one that passes."""
-    if out is not None:
-        yield output_directory(Path(out))
-        return
-    with TemporaryDirectory() as passing:
-        yield Path(passing)

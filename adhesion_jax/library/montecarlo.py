@@ -117,7 +117,12 @@ class MonteCarlo:
         names = [job.config.scenario for job in self.jobs]
         of_campaigns = zip(names, self.campaigns, strict=True)
         metadata = {
-            "config": {**_config(self.asked, [job.config for job in self.jobs]), "keep": self.keep},
+            "config": {
+                **vars(self.asked),
+                "options": dict(self.asked.options),
+                "scenario": ",".join(names),
+                "keep": self.keep,
+            },
             "in_force": {job.config.scenario: _in_force(job) for job in self.jobs},
             "identifiers": {job.config.scenario: job.names for job in self.jobs},
             "seed": self.asked.seed,
@@ -281,13 +286,6 @@ def _option(name: str, one: Any, value: object) -> object:
 def _quantities(summary: pd.DataFrame) -> tuple[str, ...]:
     there = tuple(dict.fromkeys(summary["quantity"]))
     return ("mu_max",) if "mu_max" in there else there
-
-
-def _config(asked: Config, parts: Sequence[Config]) -> Mapping[str, object]:
-    """The command line."""
-    without = dataclasses.asdict(replace(asked, options=Options()))
-    config = {**without, "options": dict(asked.options)}
-    return {**config, "scenario": ",".join(part.scenario for part in parts)}
 
 
 def _in_force(job: Job) -> dict[str, object]:

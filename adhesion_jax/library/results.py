@@ -68,7 +68,7 @@ def recorded(function: Callable[P, T]) -> Callable[P, T]:
         arguments = signature(function).bind(*args, **kwargs).arguments
         if arguments.get("out") is not None:
             folder = Path(arguments["out"])
-            call = {"function": function.__name__, "arguments": _plain(arguments)}
+            call = {"function": function.__name__, "arguments": _as_json(arguments)}
             known = json.loads((folder / METADATA).read_text(encoding="utf-8"))
             with staged(folder, [METADATA]) as stage:
                 write_metadata(stage / METADATA, {"call": call, **known})
@@ -77,15 +77,13 @@ def recorded(function: Callable[P, T]) -> Callable[P, T]:
     return told
 
 
-def _plain(value: Any) -> object:
-    """An argument as JSON has it: what is neither number nor text by the name of its class."""
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    if isinstance(value, Mapping):
-        return {str(name): _plain(one) for name, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(one) for one in value]
-    return str(value) if isinstance(value, PathLike) else type(value).__name__
+def _as_json(arguments: Mapping[str, object]) -> object:
+    """Arguments as JSON has them: what is neither number nor text by the name of its class."""
+
+    def told(value: object) -> str:
+        return str(value) if isinstance(value, PathLike) else type(value).__name__
+
+    return json.loads(json.dumps(arguments, default=told))
 
 
 def of_numbers(result: T) -> T:

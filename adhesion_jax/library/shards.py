@@ -10,9 +10,18 @@ from threading import Event, Thread, current_thread, main_thread
 
 from tqdm import tqdm
 
-from adhesion_jax.campaign.notes import Tell, notes
 from adhesion_jax.campaign.pool import Pool, Work
-from adhesion_jax.campaign.store import Content, J, Job, missing, opened, recorded, stored
+from adhesion_jax.campaign.store import (
+    Content,
+    J,
+    Job,
+    Tell,
+    missing,
+    notes,
+    opened,
+    recorded,
+    stored,
+)
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import refuse_folders, staged, writing_to
 from adhesion_jax.options import MOST_RUNS

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from adhesion_jax.campaign.identity import surroundings
-from adhesion_jax.campaign.notes import notes
-from adhesion_jax.campaign.store import FOLDER, is_locked, read_all, recorded, runs_in
+from adhesion_jax.campaign.store import FOLDER, is_locked, notes, read_all, recorded, runs_in
 from adhesion_jax.errors import InputError
 from adhesion_jax.library import montecarlo, traction
 

@@ -3,9 +3,8 @@
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -15,33 +14,25 @@ CAPTIONS: Mapping[str, Mapping[str, str]] = tomllib.loads(
 )
 
 
-@dataclass(frozen=True)
-class Paragraph:
-    kind: ClassVar[str] = "paragraph"
+class Paragraph(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True)
-class Formula:
-    kind: ClassVar[str] = "formula"
+class Formula(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True)
-class Items:
-    kind: ClassVar[str] = "items"
+class Items(NamedTuple):
     texts: Sequence[str]
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(NamedTuple):
     """Cells are written as they stand; columns whose heading is in `right` are set flush right.
 
     A folded table is long: it can be opened where the rendering can fold. Rows whose places are in
     `quiet` do not count, and are set in grey.
     """
 
-    kind: ClassVar[str] = "table"
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     right: Sequence[str] = ()
@@ -62,9 +53,7 @@ def table_of(frame: pd.DataFrame, digits: int = 4, folded: str = "") -> Table:
     return Table([*frame], rows, numbers, folded)
 
 
-@dataclass(frozen=True)
-class Picture:
-    kind: ClassVar[str] = "picture"
+class Picture(NamedTuple):
     file: str
     caption: str
 
@@ -72,15 +61,13 @@ class Picture:
 Block = Paragraph | Formula | Items | Table | Picture
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(NamedTuple):
     title: str
     blocks: Sequence[Block]
     boxed: bool = False
 
 
-@dataclass(frozen=True)
-class Page:
+class Page(NamedTuple):
     title: str
     verdict: str
     sections: Sequence[Section]

@@ -83,7 +83,9 @@ def write_page(folder: Path, page: Page) -> None:
     blocks = [block for section in page.sections for block in section.blocks]
     files = [block.file for block in blocks if isinstance(block, Picture)]
     inline = {file: base64.b64encode((folder / file).read_bytes()).decode() for file in files}
-    html = _TEMPLATES.get_template("page.html").render(page=page, pictures=inline)
+    html = _TEMPLATES.get_template("page.html").render(
+        page=page, pictures=inline, kind=lambda block: type(block).__name__
+    )
     (folder / "report.html").write_text(html, encoding="utf-8")
 
 

@@ -12,8 +12,7 @@ import pyarrow as pa
 
 from adhesion_jax.campaign.identity import own_files, surroundings
 from adhesion_jax.campaign.monte_carlo import frame_of
-from adhesion_jax.campaign.notes import Tell
-from adhesion_jax.campaign.store import Content, read, rows_of
+from adhesion_jax.campaign.store import Content, Tell, read, rows_of
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.library.discover import discover
 from adhesion_jax.runtime import silent

@@ -12,8 +12,8 @@ import pytest
 from adhesion_jax.campaign import store
 from adhesion_jax.campaign.job import Config, Job
 from adhesion_jax.campaign.monte_carlo import added, campaign_of, frame_of, run_campaign
-from adhesion_jax.campaign.notes import notes, noting
 from adhesion_jax.campaign.shard import content, scales
+from adhesion_jax.campaign.store import notes, noting
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.library.montecarlo import MONTECARLO_FILES

@@ -60,6 +60,9 @@ DISCOVERY_FILES = (
     *CAPTIONS["discover"],
 )
 
+#: The fields of the second opinion that are told to programs: all but its function.
+_OF_OPINION = ("columns", "explained", "error", "p")
+
 #: Functions that the template of the page asks.
 _OF_PAGE = (
     *(acts_on, class_sentence, error, evidence, humanised, kind_of_run, opinion_sentence, title),
@@ -101,14 +104,8 @@ def report_json(findings: Findings) -> dict[str, object]:
         },
         "effects": [_effect_json(effect) for effect in findings.effects],
         "unexplained": [{"axis": one.name, **_effect_json(one)} for one in findings.unexplained],
-        "doubts": [{"names": doubt.names, "sentence": doubt.sentence} for doubt in findings.doubts],
-        "second_opinion": opinion
-        and {
-            "columns": opinion.columns,
-            "explained": opinion.explained,
-            "error": opinion.error,
-            "p": opinion.p,
-        },
+        "doubts": [doubt._asdict() for doubt in findings.doubts],
+        "second_opinion": opinion and dict(zip(_OF_OPINION, opinion, strict=False)),
         "warnings": findings.warnings,
     }
     return {name: _plain(value) for name, value in told.items()}

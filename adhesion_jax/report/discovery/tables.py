@@ -45,12 +45,11 @@ def _errors_row(name: str, errors: Errors) -> Sequence[str]:
 def effects_table(findings: Findings) -> Table:
     """One row for each parameter of an effect; a structure without a cause has one row in all."""
     rows: list[Sequence[str]] = []
-    for effect in (*findings.effects, *findings.unexplained):
-        explained = effect in findings.effects
-        known = effect.parameters if explained else {}
+    for effect, explained in _found(findings):
         parameters = [
             (f"{name} {in_brackets(interval)}", effect.units.get(name, ""))
-            for name, interval in known.items()
+            for name, interval in effect.parameters.items()
+            if explained
         ] or [("non-parametric", "")]
         p = p_value(effect.p_adjusted, findings.least_p)
         facts = (title(effect, explained), p, error(effect.rmse_after))
@@ -157,7 +156,7 @@ def shape_columns(findings: Findings) -> list[tuple[FoundEffect, str]]:
     numeric = findings.points.select_dtypes("number")
     return [
         (effect, name)
-        for effect in (*findings.effects, *findings.unexplained)
+        for effect, _ in _found(findings)
         if effect.acts_on != "level"
         for name in effect.covariates
         if name in numeric and name not in ("slip_ratio", "slip_velocity_mps", "time_s")
@@ -165,8 +164,13 @@ def shape_columns(findings: Findings) -> list[tuple[FoundEffect, str]]:
 
 
 def _columns_of_effects(findings: Findings) -> list[str]:
-    found = (*findings.effects, *findings.unexplained)
-    return [name for effect in found for name in effect.covariates]
+    return [name for effect, _ in _found(findings) for name in effect.covariates]
+
+
+def _found(findings: Findings) -> list[tuple[FoundEffect, bool]]:
+    """The effects that were found, then the structures, with whether a cause explains them."""
+    every = (*findings.effects, *findings.unexplained)
+    return [(effect, effect in findings.effects) for effect in every]
 
 
 _EFFECT_COLUMNS = (
@@ -191,11 +195,11 @@ def errors_frame(findings: Findings) -> pd.DataFrame:
 def effects_frame(findings: Findings) -> pd.DataFrame:
     """A row for each parameter of an effect; of a structure without a cause one row in all."""
     rows: list[tuple[object, ...]] = []
-    for effect in (*findings.effects, *findings.unexplained):
-        explained = effect in findings.effects
+    for effect, explained in _found(findings):
         known = [
             (name, *interval, effect.units.get(name, ""))
-            for name, interval in (effect.parameters if explained else {}).items()
+            for name, interval in effect.parameters.items()
+            if explained
         ] or [("", np.nan, np.nan, np.nan, "")]
         first = (effect.name, explained, effect.acts_on)
         last = (

@@ -1,7 +1,8 @@
 """Figures of a board: what is dominated, on which rails, how soon it holds, and where it runs."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,8 @@ from adhesion_jax.leaderboard.terms import OPTIMA
 from adhesion_jax.report.style import light_frame, line_styles, one_legend
 
 
-class Judged(NamedTuple):
+@dataclass(frozen=True, eq=False, repr=False)
+class Judged:
     """What figures are drawn of."""
 
     table: pd.DataFrame

@@ -142,42 +142,23 @@ def _answer(axes: Axes, found: Identified, grid: np.ndarray, measured_slip: np.n
 def _curve(
     axes: Axes, name: str, fit: MeasuredFit, weight: float, grid: np.ndarray, rank: int
 ) -> None:
-    """The curve with its departure."""
+    """The curve with its departure, and its peak."""
     colour, line, marker = _STYLES[rank % len(_STYLES)]
+    peak = float(fit.peak.slip) if fit.peak.found else grid[-1]
+    slips = np.sort(np.append(grid, peak))
+    told = f"peak at {peak:.3g}{fit.slip_unit}" if fit.peak.found else "no peak"
     axes.plot(
-        grid,
-        fit.law.at(grid).adhesion,
+        slips,
+        fit.law.at(slips).adhesion,
         color=colour,
         linestyle=line,
         linewidth=2.6 if rank == 0 else 1.5,
         zorder=20 - rank,
-    )
-    label = f"{name}: weight {weight:.2f}, departure {100 * fit.misfit:.1f} %"
-    if fit.peak.found:
-        label += f", peak at {float(fit.peak.slip):.3g}{fit.slip_unit}"
-        axes.plot(
-            float(fit.peak.slip),
-            float(fit.peak.adhesion),
-            color=colour,
-            marker=marker,
-            markersize=7,
-            markeredgecolor="white",
-            linestyle="none",
-            zorder=40 - rank,
-        )
-    else:
-        label += ", no peak"
-    # An empty line, whose entry in the legend shows the curve and its peak together.
-    axes.plot(
-        [],
-        [],
-        color=colour,
-        linestyle=line,
-        linewidth=2.6 if rank == 0 else 1.5,
         marker=marker if fit.peak.found else "",
-        markeredgecolor="white",
+        markevery=[int(np.searchsorted(slips, peak))],
         markersize=7,
-        label=label,
+        markeredgecolor="white",
+        label=f"{name}: weight {weight:.2f}, departure {100 * fit.misfit:.1f} %, {told}",
     )
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from adhesion_jax.report.style import line_styles, one_legend
 
@@ -120,24 +120,38 @@ def tracking(truth: pd.DataFrame, bands: pd.DataFrame) -> Figure:
     names, shown = list(dict.fromkeys(bands["identifier"])), _shown(truth)
     labels = [*map(_label, shown), r"error of $\mu_{max}$ (%)"]
     figure, axes = _grid(names, labels, "block (1)")
-    block, peak = truth["block"].to_numpy(), truth["mu_max"].to_numpy()
+    # The beginning and the end of each block, so that a single block is visible as well.
+    block = np.repeat(truth["block"], 2) + np.tile([-0.5, 0.5], len(truth))
     for name, column in zip(names, axes.T, strict=True):
         for quantity, axis in zip(shown, column[:-1], strict=True):
-            _band(axis, block, *_of(bands, name, quantity))
             true = np.repeat(truth[quantity].to_numpy(), 2)
-            axis.plot(_edges(block), true, "k--", linewidth=1, label="truth")
-        error = (100 * (part / peak - 1) for part in _of(bands, name, "mu_max"))
-        _band(column[-1], block, *error)
+            _band(axis, block, _of(bands, name, quantity, 2), true)
+        error = _of(bands, name, "mu_max", 2) / np.repeat(truth["mu_max"].to_numpy(), 2) - 1
+        _band(column[-1], block, 100 * error)
         column[-1].axhline(0, color="k", linestyle="--", linewidth=1)
         column[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     axes[0, 0].legend(fontsize=7, loc="upper right")
     return figure
 
 
-def _of(bands: pd.DataFrame, name: str, quantity: str) -> list[np.ndarray]:
+def _of(bands: pd.DataFrame, name: str, quantity: str, times: int = 1) -> NDArray[np.float64]:
     """The lower end, the median and the upper end of the bands of a method after each block."""
     rows = bands[(bands["identifier"] == name) & (bands["quantity"] == quantity)]
-    return [rows[column].to_numpy() for column in ("p05", "median", "p95")]
+    return np.repeat(rows[["p05", "median", "p95"]].to_numpy().T, times, axis=1)
+
+
+def _band(
+    axis: Axes,
+    place: ArrayLike,
+    band: NDArray[np.float64],
+    truth: NDArray[np.float64] | None = None,
+    **how: Any,
+) -> None:
+    low, middle, high = band
+    axis.fill_between(place, low, high, color="0.75", label="5 to 95 %")
+    axis.plot(place, middle, color="#0072B2", linewidth=1.2, label="median")
+    if truth is not None:
+        axis.plot(place, truth, "k--", linewidth=1, label="truth", **how)
 
 
 def _label(quantity: str) -> str:
@@ -161,12 +175,9 @@ def bands(truth: pd.DataFrame, bands: pd.DataFrame, step: int) -> Figure:
     seen = step * (truth["block"].to_numpy() + 1)
     for name, column in zip(names, axes.T, strict=True):
         for quantity, axis in zip(rows, column, strict=True):
-            low, middle, high = _of(bands, name, quantity)
-            axis.fill_between(seen, low, high, color="0.75", label="5 to 95 %")
-            axis.plot(seen, middle, color="#0072B2", linewidth=1.2, label="median")
-            if quantity in shown:
-                true = truth[quantity].to_numpy()
-                axis.plot(seen, true, "k--", linewidth=1, label="truth", drawstyle="steps")
+            true = truth[quantity].to_numpy() if quantity in shown else None
+            _band(axis, seen, _of(bands, name, quantity), true, drawstyle="steps")
+            if true is not None:
                 reach = 0.6 * max(np.abs(true).max(), np.ptp(true))
                 axis.set_ylim(min(true.min(), 0) - reach / 4, true.max() + reach)
         column[-1].set_ylim(-0.05, 1.05)
@@ -272,16 +283,3 @@ def drift(checkpoints: pd.DataFrame) -> Figure:
     coverage.set(ylabel="coverage of 95 % intervals (1)", xlabel="samples (1)", ylim=(-0.05, 1.05))
     one_legend(figure, axes[:1], **_LEGEND)
     return figure
-
-
-def _band(
-    axis: Axes, block: np.ndarray, low: np.ndarray, middle: np.ndarray, high: np.ndarray
-) -> None:
-    x, low, middle, high = _edges(block), *(np.repeat(part, 2) for part in (low, middle, high))
-    axis.fill_between(x, low, high, color="0.75", label="5 to 95 %")
-    axis.plot(x, middle, color="#0072B2", linewidth=1.2, label="median")
-
-
-def _edges(block: np.ndarray) -> np.ndarray:
-    """The beginning and the end of each block, so that a single block is visible as well."""
-    return np.ravel(np.column_stack([block - 0.5, block + 0.5]))

@@ -46,11 +46,9 @@ def accuracy_table(table: pd.DataFrame, quantities: tuple[str, ...] = ("mu_max",
             "evaluations": chosen["evaluations"].map(lambda x: f"{x:.0f}"),
         }
     )
-    panels = list(zip(chosen["scenario"], chosen["rail"], strict=True))
-    order = {panel: place for place, panel in enumerate(dict.fromkeys(panels))}
-    keys = [pd.Series([order[panel] for panel in panels])] + ([lines["k"]] if "k" in lines else [])
-    lines = lines.iloc[np.lexsort([*reversed([k.to_numpy() for k in keys])])]
-    return lines.to_string(index=False)
+    panels, _ = pd.factorize(pd.MultiIndex.from_frame(chosen[["scenario", "rail"]]))
+    order = np.lexsort((chosen["k"], panels) if "k" in chosen else (panels,))
+    return lines.iloc[order].to_string(index=False)
 
 
 def tracking_text(table: pd.DataFrame) -> str:

@@ -6,17 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from adhesion_jax.identifiers.base import Status
 from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.log import Log
-from adhesion_jax.report.style import POINT, Shown, label_text, light_frame, line_styles
+from adhesion_jax.report.style import POINT, Shown, label_text, light_frame, line_styles, one_legend
 
 #: Most slip events that have a panel of their own: those of the largest slip.
 MOST_EVENTS = 6
@@ -93,7 +90,7 @@ def track_figure(title: str, log: Log, followed: Mapping[str, Followed]) -> Figu
             **sides,
         )
         _events(figure, below, drawn, chosen)
-    _legend(figure, drawn)
+    one_legend(figure, figure.axes, ncols=5)
     return figure
 
 
@@ -190,7 +187,7 @@ def _signals(log: Log) -> Sequence[tuple[np.ndarray, str]]:
 def _measured(panel: Axes, axis: _Axis, values: np.ndarray) -> None:
     """The samples or, of many, the smallest and the largest in equal parts of the axis."""
     if values.size <= 2 * _PARTS:
-        panel.plot(axis.place, values, ".", color=POINT, markersize=2.5, zorder=1)
+        panel.plot(axis.place, values, ".", color=POINT, markersize=2.5, zorder=1, label="measured")
         return
     edges = np.linspace(axis.place[0], axis.place[-1], _PARTS + 1)
     begin = np.searchsorted(axis.place, edges[:-1])
@@ -200,7 +197,14 @@ def _measured(panel: Axes, axis: _Axis, values: np.ndarray) -> None:
     )
     # A part of one value has no height: the line around it keeps it visible.
     panel.fill_between(
-        edges[:-1], low, high, step="post", facecolor="0.75", edgecolor="0.6", linewidth=0.7
+        edges[:-1],
+        low,
+        high,
+        step="post",
+        facecolor="0.75",
+        edgecolor="0.6",
+        linewidth=0.7,
+        label="measured, smallest to largest",
     )
 
 
@@ -215,7 +219,8 @@ def _estimates(panel: Axes, axis: _Axis, drawn: _Drawn) -> None:
             axis, as_told(one.estimates), "mu_max", "mu_max_se", "at_least"
         )
         reached = np.where(bare, value, np.nan)
-        panel.plot(place, reached, color=style["color"], markevery=0.03, **_AT_LEAST)
+        if np.isfinite(reached).any():  # else there is no place for a marker
+            panel.plot(place, reached, color=style["color"], markevery=0.03, **_AT_LEAST)
         trusted, untrusted = trusted & (bare == 0), ~trusted & (bare == 0)
         half = np.where(np.isfinite(error) & trusted, QUANTILE * error, np.nan)
         panel.fill_between(
@@ -228,12 +233,18 @@ def _estimates(panel: Axes, axis: _Axis, drawn: _Drawn) -> None:
             linestyle=style["linestyle"],
             linewidth=1.7,
             zorder=5,
+            label=label_text(name),
         )
         # Lines to and from what lies outside the axis would cover what lies inside.
         seen = untrusted & (value > 0) & (value < drawn.top)
         panel.plot(
             place, np.where(seen, value, np.nan), color=style["color"], linestyle=":", linewidth=0.7
         )
+    # Empty lines, which stand in the legend for those of all methods.
+    if any(one.estimates["at_least"].any() for one in drawn.followed.values()):
+        label = "at least: adhesion does not fall"
+        panel.plot([], [], color="black", label=label, **_AT_LEAST)
+    panel.plot([], [], color="black", linestyle=":", linewidth=0.9, label="not trusted")
 
 
 def _steps(axis: _Axis, table: pd.DataFrame, *names: str) -> tuple[np.ndarray, ...]:
@@ -254,11 +265,21 @@ def _status(panel: Axes, axis: _Axis, drawn: _Drawn) -> None:
         place, trusted = _steps(axis, one.estimates)
         for chosen, look in (
             (trusted, {"facecolor": drawn.styles[name]["color"], "alpha": 0.55}),
-            (~trusted, {"facecolor": "none", "hatch": "//////", "edgecolor": "0.5"}),
+            (
+                ~trusted,
+                {
+                    "facecolor": "none",
+                    "hatch": "//////",
+                    "edgecolor": "0.5",
+                    "label": "status: not trusted",
+                },
+            ),
         ):
             panel.fill_between(place, row - 0.33, row + 0.33, where=chosen, linewidth=0, **look)
         resets = axis.place[one.estimates["sample"][one.estimates["reset"]]]
-        panel.plot(resets, np.full(resets.size, row), "|", color="black", markersize=11, mew=1.6)
+        label = "reset: the past is given up"
+        rows = np.full(resets.size, row)
+        panel.plot(resets, rows, "|", color="black", markersize=11, mew=1.6, label=label)
     panel.set(yticks=range(len(followed)), ylim=(len(followed) - 0.5, -0.5))
     panel.set_yticklabels([label_text(name, 14) for name in followed], fontsize=8)
 
@@ -272,7 +293,10 @@ def _event(upper: Axes, lower: Axes, drawn: _Drawn, event: int) -> None:
     axis = _Axis(log.time - begin, "")
     used = np.isin(np.arange(window.start, window.stop), log.used)
     for panel, values in ((upper, np.abs(log.adhesion)), (lower, log.slip)):
-        for chosen, colour, size in ((~used, _PASSED_OVER, 2.0), (used, _USED, 3.0)):
+        for chosen, colour, size, label in (
+            (~used, _PASSED_OVER, 2.0, "measured, not used"),
+            (used, _USED, 3.0, "measured"),
+        ):
             panel.plot(
                 axis.place[window][chosen],
                 values[window][chosen],
@@ -280,6 +304,7 @@ def _event(upper: Axes, lower: Axes, drawn: _Drawn, event: int) -> None:
                 color=colour,
                 markersize=size,
                 zorder=1,
+                label=label,
             )
         light_frame(panel)
     _estimates(upper, axis, drawn)
@@ -299,31 +324,3 @@ def _reach(log: Log) -> tuple[float, float]:
     slip = log.slip[log.used]
     end = 0.1 * float(np.abs(slip).max())
     return min(0.0, float(slip.min())) - end, max(0.0, float(slip.max())) + end
-
-
-def _legend(figure: Figure, drawn: _Drawn) -> None:
-    log, followed, styles, _ = drawn
-    entries: dict[str, Artist] = {
-        label_text(name): Line2D(
-            [], [], color=styles[name]["color"], linestyle=styles[name]["linestyle"], linewidth=1.7
-        )
-        for name in followed
-    }
-    if any(one.estimates["at_least"].any() for one in followed.values()):
-        entries["at least: adhesion does not fall"] = Line2D([], [], color="black", **_AT_LEAST)
-    entries["not trusted"] = Line2D([], [], color="black", linestyle=":", linewidth=0.9)
-    entries["status: not trusted"] = Patch(facecolor="none", hatch="//////", edgecolor="0.5")
-    entries["reset: the past is given up"] = _mark("|", "black", 10.0)
-    if log.slip.size > 2 * _PARTS:
-        entries["measured, smallest to largest"] = Patch(facecolor="0.75", edgecolor="0.6")
-    if log.slip.size <= 2 * _PARTS or log.events.size:
-        entries["measured"] = _mark(".", _USED if log.events.size else POINT, 6.0)
-    if log.events.size:
-        entries["measured, not used"] = _mark(".", _PASSED_OVER, 6.0)
-    figure.legend(
-        [*entries.values()], [*entries], loc="lower center", ncols=5, frameon=False, fontsize=9
-    )
-
-
-def _mark(marker: str, colour: str, size: float) -> Line2D:
-    return Line2D([], [], color=colour, marker=marker, linestyle="", markersize=size, mew=1.6)

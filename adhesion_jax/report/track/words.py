@@ -10,7 +10,7 @@ from adhesion_jax.measured.following import QUANTILE, Followed, as_told
 from adhesion_jax.measured.log import InitialSlope, Log
 from adhesion_jax.report.measured.words import reasons
 from adhesion_jax.report.rendering import flush_left, text_of, with_errors
-from adhesion_jax.wording import listed, number, plus_minus
+from adhesion_jax.wording import number, plus_minus
 
 #: Above this share of the initial slope its standard error is said to be large.
 _POORLY = 0.1
@@ -123,7 +123,6 @@ def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Fo
     if len(sure) > 1 and sure["mu_max_lo"].max() > sure["mu_max_hi"].min():
         apart = sure["mu_max_lo"].idxmax(), sure["mu_max_hi"].idxmin()
         disagree = list(sure["identifier"].loc[[*apart]])
-    resets = [_resets(log, one) for one in followed.values()]
     return text_of(
         "track.txt",
         log=log,
@@ -133,7 +132,8 @@ def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Fo
         braking=int(np.sum(used < 0)),
         still=int(np.sum(used == 0)),
         doubts=[] if slope.fit.status is Status.TRUSTED else reasons(slope.fit),
-        ends=list(zip(summary.to_dict("records"), resets, status, strict=True)),
+        ends=list(zip(summary.to_dict("records"), followed.values(), status, strict=True)),
+        places=lambda one: _places(log, one),
         disagree=disagree,
         reset=[name for name, one in followed.items() if one.resets],
         wide={name: one for name, one in followed.items() if one.widening > _WIDER},
@@ -145,15 +145,7 @@ def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Fo
     )
 
 
-def _resets(log: Log, one: Followed) -> str:
-    if not one.resets:
-        return ", without a reset"
+def _places(log: Log, one: Followed) -> list[str]:
+    """The times of the first resets or, where there is no time, the numbers of their samples."""
     at = one.estimates["sample"][one.estimates["reset"]].to_numpy()[:_TOLD]
-    places = [number(log.time[i]) if log.time is not None else str(i + 1) for i in at]
-    what = "at time" if log.time is not None else "at sample"
-    more = " and later" if one.resets > len(places) else ""
-    unit = " s" if log.time is not None else ""
-    return (
-        f", after {one.resets} reset{'s' if one.resets > 1 else ''} {what} "
-        f"{listed(places)}{unit}{more}"
-    )
+    return [str(i + 1) if log.time is None else number(log.time[i]) for i in at]
