@@ -290,7 +290,8 @@ def identify(
         parts.in_vain,
         parts.mixed,
     )
-    return written(identified, out, IDENTIFY_FILES, columns_of([log.points for log in logs]))
+    understood = columns_of([log.points for log in logs])
+    return written(identified, out, IDENTIFY_FILES, understood, vetoes=[*identified.vetoes])
 
 
 def with_groups(columns: Mapping[str, object], by: str | None) -> Mapping[str, object]:

@@ -130,7 +130,8 @@ class Leaderboard(Judged):
         names = [name for name in _TOLD if name in self.table]
         rows = self.table[self.table["rails"] == ALL] if self._robust else self.table
         took = (self.told[key] for key in ("plant_steps", "run_cpu_seconds", "compile_seconds"))
-        return f"{aligned(rows[names], 40)}\n\n{steps_told(*took)}"
+        doubts = [f"{rails}: {doubt}" for rails, doubt in self.told["doubts"].items()]
+        return "\n\n".join([aligned(rows[names], 40), *doubts, steps_told(*took)])
 
     def _repr_html_(self) -> str:
         return self.table.to_html(index=False) + text_html(repr(self))
@@ -283,6 +284,7 @@ def traction_leaderboard(
             "track": track,
             "plant": train.title,
             "rails": titles,
+            "doubts": {name: one.doubt for name, one in families.items() if one.doubt},
             "tuned_on": ", ".join(tuned_on),
             "runs": runs,
             "seeds": [*range(seed, seed + SEEDS)],

@@ -40,16 +40,22 @@ def columns_of(tables: Sequence[Measured]) -> Columns:
     return {one.name: json.loads(one.understood.to_json(orient="records")) for one in tables}
 
 
-def written(found: W, out: str | PathLike[str] | None, files: Sequence[str], columns: Columns) -> W:
+def written(
+    found: W,
+    out: str | PathLike[str] | None,
+    files: Sequence[str],
+    columns: Columns,
+    **told: object,
+) -> W:
     """The result, whose files, of which these are possible, are in the folder `out` if it is named.
 
     They appear there when all are complete, in the place of those of an earlier result, with the
-    columns of its tables and what it was made with.
+    columns of its tables, what else is `told`, and what it was made with.
     """
     if out is not None:
         with staged(output_directory(Path(out)), files) as stage:
             found.write(stage)
-            write_metadata(stage / METADATA, {"columns": columns, **runtime.describe()})
+            write_metadata(stage / METADATA, {"columns": columns, **told, **runtime.describe()})
     return found
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -157,6 +158,16 @@ class LawRails(Family):
     SEGMENTS: ClassVar[int] = 1
 
     surface: RailSurface  # of a steady law where there are effects
+    vetoes: tuple[str, ...] = eqx.field(static=True, default=())  # of the identification
+
+    @property
+    def doubt(self) -> str:
+        if not self.vetoes:
+            return ""
+        return (
+            "The points that these rails were fitted to gave no answer, so that a train may never "
+            f"meet such rails: {' '.join(self.vetoes)}"
+        )
 
     @property
     def drawn_as(self) -> str:
@@ -202,8 +213,9 @@ def rails_of_law(path: Path) -> Family:
     law = CorrectedLaw(law.curve, effects, law.ranges, law.calendar)
     middle = {name: (low + high) / 2 for name, (low, high) in law.ranges.items()}
     middle.pop("vehicle_speed_mps", None)
-    in_ratio = _in_ratio(path)
-    family = LawRails(RailSurface(Steady(law, middle) if effects else law.curve, in_ratio))
+    in_ratio, vetoes = _told_beside(path)
+    surface = RailSurface(Steady(law, middle) if effects else law.curve, in_ratio)
+    family = LawRails(surface, vetoes)
     rails, none, speed = family.draw(jax.random.key(0), 1e-3), jnp.asarray(0), jnp.asarray(SPEED)
     try:
         # A law looks its columns up by name, so that a missing one raises KeyError.
@@ -223,15 +235,17 @@ def rails_of_law(path: Path) -> Family:
     return family
 
 
-def _in_ratio(path: Path) -> bool:
-    """Whether the slip of the points was a ratio, by what is written beside a result."""
+def _told_beside(path: Path) -> tuple[bool, tuple[str, ...]]:
+    """Whether the slip of the points was a ratio, and what forbade an answer, by the metadata."""
     beside = path.with_name(METADATA)
     try:
-        columns = json.loads(beside.read_text(encoding="utf-8"))["columns"]
-        taken = {one["taken_as"] for table in columns.values() for one in table}
+        told = json.loads(beside.read_text(encoding="utf-8"))
+        taken = {one["taken_as"] for table in told["columns"].values() for one in table}
+        vetoes = tuple(map(str, told.get("vetoes", ())))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(
             f"{beside} is missing or not that of a result, so that it is not known whether "
             f"{path.name} is in slip ratio or in slip velocity; copy all files of the result."
         ) from None
-    return "slip_velocity_mps" not in taken or bool(taken & {"slip_ratio", "vehicle_speed_mps"})
+    in_ratio = "slip_velocity_mps" not in taken or taken & {"slip_ratio", "vehicle_speed_mps"}
+    return bool(in_ratio), vetoes

@@ -16,11 +16,13 @@ from adhesion_jax.curves import Burckhardt
 from adhesion_jax.leaderboard.runs import _runs
 from adhesion_jax.leaderboard.table import COLUMNS
 from adhesion_jax.library.leaderboard import LEADERBOARD_FILES
+from adhesion_jax.report.leaderboard.page import leaderboard_page
 from adhesion_jax.traction.controllers import CONTROLLERS
 from adhesion_jax.traction.entrants import ENTRANTS, Entrant, entrant_of, numbers
 from adhesion_jax.traction.families import FAMILIES
 from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.signals import Signals
+from adhesion_jax.traction.systems import SYSTEMS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "leaderboard.md").read_text(encoding="utf-8")
 
@@ -99,7 +101,8 @@ def test_two_files_of_one_name_are_two_rails(tmp_path):
         paths[name].parent.mkdir()
         paths[name].write_text("curve,rms\n")
         columns = {"log.csv": [{"column": "slip", "taken_as": "slip_ratio"}]}
-        (tmp_path / name / "metadata.json").write_text(json.dumps({"columns": columns}))
+        told = {"columns": columns, "vetoes": {"dry": [], "wet": ["It is oil."]}[name]}
+        (tmp_path / name / "metadata.json").write_text(json.dumps(told))
         aj.save_law(tmp_path / name / "law.json", Burckhardt(c1=level, c2=80.0, c3=0.5))
     found = aj.traction_leaderboard(
         "constant-slip", rails=[*paths.values()], runs=1, budget=1, duration=0.2
@@ -109,6 +112,11 @@ def test_two_files_of_one_name_are_two_rails(tmp_path):
     assert 1.5 < dry / wet < 2.1
     rows = found.segments[found.segments["method"] == "constant-slip"]
     assert rows.groupby("rails").size().tolist() == [6, 6]
+    page = leaderboard_page(found.table, found.plant, SYSTEMS["hxd1f"], found.told)
+    for told in (repr(found), str(page.sections)):
+        assert (
+            told.count("gave no answer, so that a train may never meet such rails: It is oil") == 1
+        )
 
 
 REFUSED = {

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import adhesion_jax as aj
 from adhesion_jax.curves import Burckhardt, Exponential, Polach
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects import KINDS
@@ -165,3 +166,16 @@ def test_a_file_that_is_no_rail_is_refused_in_a_sentence(tmp_path):
     (tmp_path / "metadata.json").unlink()
     with pytest.raises(InputError, match=r"not known whether law[.]json is in slip ratio"):
         rails_of_law(path)
+
+
+def test_a_curve_of_points_that_gave_no_answer_is_a_rail_that_is_doubted(tmp_path):
+    slip = np.geomspace(0.002, 0.4, 60)
+    level = 20 * np.asarray(Burckhardt(c1=0.3, c2=40.0, c3=0.5)(jnp.asarray(slip), {}))
+    points = {"slip_ratio": slip, "adhesion": level + 0.02 * np.cos(np.arange(60.0))}
+    found = aj.identify(points, "burckhardt", {"adhesion": "adhesion [1]"}, out=tmp_path)
+    assert found.vetoes
+    doubt = rails_of_curves(tmp_path / "curves.csv").doubt
+    assert doubt.startswith("The points that these rails were fitted to gave no answer")
+    assert doubt.endswith(" ".join(found.vetoes))
+    metadata(tmp_path, "slip_ratio", "adhesion")
+    assert rails_of_curves(tmp_path / "curves.csv").doubt == ""

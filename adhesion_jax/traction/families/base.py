@@ -44,6 +44,11 @@ class Family(eqx.Module):
         return loop
 
     @property
+    def doubt(self) -> str:
+        """A sentence on why there may be no such rail; empty for all that are made up."""
+        return ""
+
+    @property
     def drawn_as(self) -> str | None:
         """The family with whose keys these rails are drawn; by default it has keys of its own."""
         return None
