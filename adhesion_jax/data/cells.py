@@ -26,7 +26,9 @@ _DECIDES = {
     for mark, other in ((",", "."), (".", ","))
 }
 _NUMBER = re.compile(r"[+-]?[.,]?\d[\d.,]*(?:[eE][+-]?\d+)?")
-_EITHER = r"^[+-]?[1-9]\d{0,2}(,\d{3})+$"
+
+#: A number by either decimal mark.
+OF_TWO_MEANINGS = r"^[+-]?[1-9]\d{0,2}(,\d{3})+$"
 
 _NOWHERE = np.empty(0, np.int64)
 
@@ -43,15 +45,6 @@ def decimal_mark(cells: Iterable[str]) -> str | None:
 def numbers_in(cells: Iterable[str]) -> list[str]:
     """Those of the cells that are numbers, by whatever decimal mark."""
     return [cell for cell in cells if _NUMBER.fullmatch(cell.strip())]
-
-
-def first_of_two_meanings(cells: pyarrow.Array) -> int | None:
-    """The place of the first cell such as 1,234, which is a number by either decimal mark."""
-    if not is_text(cells.type):
-        return None
-    either = pyarrow.compute.match_substring_regex(cells, _EITHER)
-    place = pyarrow.compute.index(either, True).as_py()
-    return None if place < 0 else int(place)
 
 
 def numbers(cells: pyarrow.Array, mark: str = ".") -> tuple[np.ndarray, np.ndarray]:

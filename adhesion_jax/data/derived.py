@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from adhesion_jax.data.columns import COLUMNS, UNDECIDED
+from adhesion_jax.data.columns import COLUMNS, QUANTITIES, UNDECIDED, plain
 from adhesion_jax.data.forces import TORQUE, Corrections, force_of_torque, without_inertia
-from adhesion_jax.data.naming import QUANTITIES, plain
 from adhesion_jax.data.plausible import radius_warnings, wrong_unit
 from adhesion_jax.data.rows import Rows
-from adhesion_jax.data.stretches import stretches
+from adhesion_jax.data.stretches import jackknife, stretches
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, percent
 
@@ -217,8 +216,12 @@ def derive(rows: Rows, known: Corrections) -> None:
 
     if "adhesion" not in columns:
         add("adhesion", *_adhesion(columns))
-    if "normal_load_N" not in columns and (load := _normal_load(columns)) is not None:
-        add("normal_load_N", *load)
+    if "normal_load_N" not in columns:
+        if "axle_load_N" in columns:
+            add("normal_load_N", _of_wheel(columns, "axle_load_N"), "axle_load_N / 2")
+        elif {"locomotive_load_N", _AXLES} <= {*columns}:
+            of_all = "locomotive_load_N / (2 x driven_axles)"
+            add("normal_load_N", _of_wheel(columns, "locomotive_load_N"), of_all)
     if not ({"slip_ratio", "slip_velocity_mps"} | _OF_WHEEL) & {*columns}:
         angle = np.radians(columns.pop("slip_angle_deg"))
         add("slip_ratio", np.tan(angle), "tangent of slip_angle_deg")
@@ -290,22 +293,15 @@ def _adhesion(columns: Columns) -> tuple[np.ndarray, str]:
     for force, load, _ in _BODIES:
         if force in columns and load in columns:
             return columns[force] / columns[load], f"{force} / {load}"
-    of_locomotive = 2 * columns[_AXLES] if _AXLES in columns else np.nan
-    force, wheels = next((force, wheels) for force, _, wheels in _BODIES if force in columns)
-    load, others = next((load, others) for _, load, others in _BODIES if load in columns)
-    of_wheel = columns[force] / (wheels or of_locomotive)
-    return of_wheel / (
-        columns[load] / (others or of_locomotive)
-    ), f"{force} / {load}, for one wheel"
+    force = next(force for force, _, _ in _BODIES if force in columns)
+    load = next(load for _, load, _ in _BODIES if load in columns)
+    return _of_wheel(columns, force) / _of_wheel(columns, load), f"{force} / {load}, for one wheel"
 
 
-def _normal_load(columns: Columns) -> tuple[np.ndarray, str] | None:
-    if "axle_load_N" in columns:
-        return columns["axle_load_N"] / 2, "axle_load_N / 2"
-    if {"locomotive_load_N", _AXLES} <= {*columns}:
-        of_wheel = columns["locomotive_load_N"] / (2 * columns[_AXLES])
-        return of_wheel, "locomotive_load_N / (2 x driven_axles)"
-    return None
+def _of_wheel(columns: Columns, name: str) -> np.ndarray:
+    """A force or load of a body, over the number of its wheels."""
+    wheels = next(number for *of_body, number in _BODIES if name in of_body)
+    return columns[name] / (wheels or 2 * columns[_AXLES])
 
 
 def _check_speeds(wheel: np.ndarray, train: np.ndarray) -> None:
@@ -357,5 +353,5 @@ def rolling_radius(rotation: np.ndarray, speed: np.ndarray, adhesion: np.ndarray
     ratio, level = ratio[near], level[near]
     group = np.arange(ratio.size) * _GROUPS // ratio.size
     without = [np.polyfit(level[group != g], ratio[group != g], 1)[1] for g in range(_GROUPS)]
-    error = np.sqrt((_GROUPS - 1) / _GROUPS * np.sum((without - np.mean(without)) ** 2))
-    return Radius(float(np.polyfit(level, ratio, 1)[1]), float(error), int(ratio.size))
+    radius = float(np.polyfit(level, ratio, 1)[1])
+    return Radius(radius, jackknife(without), int(ratio.size))

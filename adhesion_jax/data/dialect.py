@@ -11,7 +11,7 @@ from io import BufferedIOBase
 from typing import NamedTuple
 
 from adhesion_jax.data.cells import MISSING, decimal_mark, numbers_in
-from adhesion_jax.data.naming import known
+from adhesion_jax.data.columns import known
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 

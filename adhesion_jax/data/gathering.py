@@ -8,9 +8,9 @@ import pyarrow
 import pyarrow.compute
 
 from adhesion_jax.data.cells import (
+    OF_TWO_MEANINGS,
     TIME_OF_DAY,
     decimal_mark,
-    first_of_two_meanings,
     is_text,
     numbers,
     seconds,
@@ -114,15 +114,15 @@ def _text_fault(row: int, column: str, written: object) -> str:
 
 def _mark(sheet: Sheet, taken: Sequence[Taken], block: Block, first_row: int) -> str | None:
     """The decimal mark as a block shows it, where the first rows of the file show none."""
-    found = None
+    found, compute = None, pyarrow.compute
     for one in taken:
         cells = block[one.column]
         if one.name in LABELS or one.stamp or not is_text(cells.type):
             continue
-        either = first_of_two_meanings(cells)
-        marked = cells.filter(pyarrow.compute.match_substring_regex(cells, "[.,]"))
+        either = compute.index(compute.match_substring_regex(cells, OF_TWO_MEANINGS), True).as_py()
+        marked = cells.filter(compute.match_substring_regex(cells, "[.,]"))
         found = found or decimal_mark(marked.slice(0, _SHOWN).to_pylist())
-        if found is None and either is not None:
+        if found is None and either >= 0:
             written = cells[either].as_py()
             raise InputError(
                 f"{sheet.name} cannot be used: row {first_row + either} of column {one.column} has "

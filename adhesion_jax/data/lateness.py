@@ -1,13 +1,13 @@
 """Whether one of two speeds of a log is late: by slip and by the time of their accelerations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy.ndimage import correlate1d, maximum_filter1d, minimum_filter1d
 
-from adhesion_jax.data.stretches import series_of, stretches, usual_step
+from adhesion_jax.data.stretches import jackknife, series_of, stretches, usual_step
 from adhesion_jax.wording import plus_minus
 
 #: Delays are sought up to this size, on a grid no finer than this, both in s.
@@ -100,7 +100,7 @@ def best_lag(
     if sums.shape[0] < _FEWEST_BLOCKS or not _top(whole, most)[1] > 0:
         return Delay(0.0, np.inf, False)
     lag, best = _top(whole, most)
-    error = _jackknife([_top(whole - one, most)[0] for one in sums])
+    error = jackknife([_top(whole - one, most)[0] for one in sums])
     none = _correlation(whole)[most]
     gain = float((best**2 - none**2) / max(1 - none**2, 1e-12))
     return Delay.told(lag * grid.step, error * grid.step, gain, grid.step)
@@ -136,12 +136,6 @@ def _top(sums: np.ndarray, most: int) -> tuple[float, float]:
     bend = before - 2 * here + after
     shift = float(np.clip(0.5 * (before - after) / bend, -1, 1)) if bend < 0 else 0.0
     return place - most + shift, float(here - 0.25 * (before - after) * shift)
-
-
-def _jackknife(without: Sequence[float]) -> float:
-    """The standard error of a value from those without one block each."""
-    each = np.array(without)
-    return float(np.sqrt((each.size - 1) / each.size * np.sum((each - each.mean()) ** 2)))
 
 
 def grid_of(time: np.ndarray, run: np.ndarray, signals: Mapping[str, np.ndarray]) -> Grid | None:
@@ -242,7 +236,7 @@ def _by_slip(grid: Grid, rolled: np.ndarray, rows: np.ndarray) -> tuple[Delay, f
     others = terms[used][:, 1:]
     worse = slip[used] - others @ np.linalg.lstsq(others, slip[used], rcond=None)[0]
     gain = 1 - float(left @ left) / max(float(worse @ worse), 1e-300)
-    return Delay.told(float(fit[0]), _jackknife(without), gain, grid.step), float(fit[1])
+    return Delay.told(float(fit[0]), jackknife(without), gain, grid.step), float(fit[1])
 
 
 def late_signals(

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from adhesion_jax.data.columns import COLUMNS, UNDECIDED
-from adhesion_jax.data.naming import named
+from adhesion_jax.data.columns import COLUMNS, UNDECIDED, named
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, number, percent

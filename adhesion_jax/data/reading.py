@@ -249,7 +249,7 @@ def _asked(sheet: Sheet, found: Understanding, missing: Sequence[str]) -> str:
     """What is missing, and what must be told of the columns that may be it."""
     there = ", ".join(sheet.columns[:_TOLD]) or "no column"
     more = " ..." if len(sheet.columns) > _TOLD else ""
-    asked = [one.clause for one in found.questions if {*one.quantities} & SOURCES]
+    asked = [one.question for one in found.questions.values() if {*one.quantities} & SOURCES]
     asked = asked or ['which column it is (--column "QUANTITY=COLUMN [UNIT]")']
     return f"{'; '.join(missing)} (there are {there}{more}); please say {'; '.join(asked)}"
 
@@ -264,9 +264,9 @@ def _format_notes(sheet: Sheet, found: Understanding, rows: Rows) -> list[str]:
         for name in found.left_out
     ]
     notes += [
-        f"The column {one.column} keeps its name: it is not known {one.clause}."
-        for one in found.questions
-        if one.column not in found.left_out
+        f"The column {name} keeps its name: it is not known {one.question}."
+        for name, one in found.questions.items()
+        if name not in found.left_out
     ]
     return notes
 

@@ -1,6 +1,7 @@
 """The rows of a log that are used: fewer with each step, and each step says which and why."""
 
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -35,29 +36,23 @@ _LEAP = 20.0
 _SAMPLE = 200_000
 
 
+@dataclass
 class Rows:
     """The columns of a log by the names they are taken as, [rows], and what is said of them.
 
     They are changed in place, for two copies of the columns of a long log do not fit in memory.
     """
 
-    def __init__(
-        self,
-        numbers: dict[str, np.ndarray],
-        labels: Mapping[str, pd.Categorical],
-        index: pd.Index,
-        texts: Mapping[str, tuple[int, str]],
-        left_out: dict[str, str],
-        origin: str,
-    ) -> None:
-        self.numbers = numbers  # NaN where a cell is empty
-        self.labels = labels
-        self.index = index  # the numbers that a user sees of the rows
-        self.texts = texts  # cells of a column of numbers that are text, and the first
-        self.left_out = left_out  # columns that are not used, each with the clause why
-        self.origin = origin  # from when a time counts that was given by dates, empty otherwise
-        self.computed: dict[str, str] = {}  # columns that were, and what from
-        self.notes: list[str] = []
+    numbers: dict[str, np.ndarray]  # NaN where a cell is empty
+    labels: Mapping[str, pd.Categorical]
+    index: pd.Index  # the numbers that a user sees of the rows
+    texts: Mapping[
+        str, tuple[int, str]
+    ]  # cells of a column of numbers that are text, and the first
+    left_out: dict[str, str]  # columns that are not used, each with the clause why
+    origin: str  # from when a time counts that was given by dates, empty otherwise
+    computed: dict[str, str] = field(default_factory=dict)  # columns that were, and what from
+    notes: list[str] = field(default_factory=list)
 
     @property
     def count(self) -> int:

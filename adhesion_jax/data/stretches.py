@@ -1,6 +1,6 @@
 """Rows of a log that follow each other in time: stretches, gaps, and clocks that step back."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -47,6 +47,12 @@ def stretches(time: np.ndarray, series: np.ndarray) -> Iterator[np.ndarray]:
     edges = np.concatenate([[0], 1 + np.flatnonzero(cut), [time.size]])
     for begin, end in pairwise(edges):
         yield np.arange(begin, end) if order is None else order[begin:end]
+
+
+def jackknife(without: Sequence[float]) -> float:
+    """The standard error of a value from those that are found without one part of a log each."""
+    each = np.array(without)
+    return float(np.sqrt((each.size - 1) / each.size * np.sum((each - each.mean()) ** 2)))
 
 
 def slope_in_time(

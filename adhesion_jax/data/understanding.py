@@ -7,10 +7,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from adhesion_jax.data.cells import EITHER, ORDERS
-from adhesion_jax.data.columns import COLUMNS, GROUP, LABELS, REPEATS_BESIDE, SD_AFTER, UNDECIDED
-from adhesion_jax.data.files import Sheet
-from adhesion_jax.data.naming import (
+from adhesion_jax.data.columns import (
+    COLUMNS,
+    GROUP,
+    LABELS,
     QUANTITIES,
+    REPEATS_BESIDE,
+    SD_AFTER,
+    UNDECIDED,
     Conversion,
     Guess,
     conversion,
@@ -22,6 +26,7 @@ from adhesion_jax.data.naming import (
     plain,
     side_by_side,
 )
+from adhesion_jax.data.files import Sheet
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -63,23 +68,12 @@ class Taken(NamedTuple):
         return self.name.rpartition(" ")[0] if self.copy > 1 else self.name
 
 
-class Question(NamedTuple):
-    """What must be asked before a column can be one of these quantities; a clause with the answer.
-
-    The clause is such as "in which unit the vehicle speed in column v is (--column ...)".
-    """
-
-    column: str
-    clause: str
-    quantities: tuple[str, ...]
-
-
 class Understanding(NamedTuple):
     """Every column that is read, each once; the constants; and what is in doubt."""
 
     taken: tuple[Taken, ...]
     constants: Mapping[str, float]  # quantity to value in the unit of the package
-    questions: tuple[Question, ...]
+    questions: Mapping[str, Guess]  # by the column that must be told of before it can be used
     left_out: tuple[str, ...]  # columns that may be a force, which is what adhesion explains
     copies: str  # the label that tells copies apart, run for repeats and axle; empty without any
 
@@ -113,7 +107,7 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
             )
     # What groups go by may be a quantity as well.
     by_column = {name: one for name, one in told.items() if one.name != GROUP}
-    questions: list[Question] = []
+    questions: dict[str, Guess] = {}
     chosen: dict[str, dict[str, Guess]] = {}
     for name, found in guesses.items():
         if name in by_column or found.quantity in given:
@@ -121,7 +115,7 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
         if found.quantity:
             chosen.setdefault(found.quantity, {})[name] = found
         elif found.question and not {*given} & {*found.quantities}:
-            questions.append(Question(name, found.question, found.quantities))
+            questions[name] = found
     of_quantity: dict[str, tuple[str, int]] = {}  # by the column, with the number of the copy
     families: dict[str, list[str]] = {}
     for quantity, of_it in chosen.items():
@@ -138,7 +132,8 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
         if copies and len(names) == count and (quantity == "adhesion" or copies == "axle"):
             of_quantity |= {name: (quantity, i) for i, name in enumerate(names, 1)}
         else:
-            questions.append(_which_column(quantity, chosen[quantity], bool(names) and in_time))
+            asked = _which_column(quantity, chosen[quantity], bool(names) and in_time)
+            questions[next(iter(chosen[quantity]))] = asked
     taken = []
     left_out = []
     for name, found in guesses.items():
@@ -160,7 +155,7 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
     return Understanding(
         tuple(taken),
         constants,
-        tuple(questions),
+        questions,
         tuple(left_out),
         copies if any(one.copy for one in taken) else "",
     )
@@ -234,17 +229,21 @@ def _said(
 
 def _called(sheet: Sheet, column: str, quantity: str) -> str:
     """The column of this name, which `v [km/h]` has where it is called v."""
-    names = sheet.columns
-    short = [name for name in names if named(name).stem == column]
+    short = [name for name in sheet.columns if named(name).stem == column]
     if len(short) == 1:
         return short[0]
-    near = get_close_matches(column, names, 3) or names[:12]
-    more = " ..." if len(names) > 12 and len(near) == 12 else ""
     plainly = COLUMNS[quantity].plain if quantity in COLUMNS else quantity
     purpose = "to compare by" if quantity == GROUP else f"to read {plainly} from"
-    raise InputError(
-        f"{sheet.name} has no column {column} {purpose}; there "
-        f"{'is' if len(near) == 1 else 'are'} {', '.join(near) or 'none'}{more}."
+    raise no_column(sheet.name, f"{column} {purpose}", column, sheet.columns)
+
+
+def no_column(name: str, wanted: str, column: str, there: Sequence[str]) -> InputError:
+    """What is said where a table lacks the column that is `wanted`, with those of like names."""
+    near = get_close_matches(column, there, 3) or there[:12]
+    more = " ..." if len(there) > 12 and len(near) == 12 else ""
+    return InputError(
+        f"{name} has no column {wanted}; there {'is' if len(near) == 1 else 'are'} "
+        f"{', '.join(near) or 'none'}{more}."
     )
 
 
@@ -356,18 +355,14 @@ def _ordered(sheet: Sheet, name: str, said: str) -> str:
     return form
 
 
-def _which_column(quantity: str, names: Iterable[str], axles: bool) -> Question:
+def _which_column(quantity: str, columns: Iterable[str], axles: bool) -> Guess:
     """What is asked where several columns may be a quantity: an answer for each, to be copied."""
-    names = [*names]
+    names = [*columns]
     plain = COLUMNS[quantity].plain if quantity in COLUMNS else quantity
     answers = [f'--column "{plain}={name}"' for name in names[:_ANSWERS]]
     if len(names) > _ANSWERS:
         answers.append("and so on")
     if axles:
         answers.append("--axles for all of them as axles")
-    return Question(
-        names[0],
-        f"which of the columns {listed(names)} is the {plain.replace('_', ' ')} "
-        f"({listed(answers, 'or')})",
-        (quantity,),
-    )
+    which = f"which of the columns {listed(names)} is the {plain.replace('_', ' ')}"
+    return Guess("", "", f"{which} ({listed(answers, 'or')})", (quantity,))

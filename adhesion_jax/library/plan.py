@@ -30,10 +30,6 @@ from adhesion_jax.planning.plan import (
     Sweeps,
     Wanted,
     own_log,
-    plan_of,
-    planner,
-    present_of,
-    wanted_of,
 )
 from adhesion_jax.planning.truth import Truth, curve_of
 from adhesion_jax.report.plan import plan_figure, plan_rows, told, wanted_rows
@@ -173,11 +169,11 @@ def plan(
     slips, numbers = _grid(of, log, largest_slips, samples)
     planned = Planning(
         words,
-        plan_of(of, slips, numbers),
-        plan_of(of, np.geomspace(slips[0], slips[-1], _MAP), numbers),
+        of.plan(slips, numbers),
+        of.plan(np.geomspace(slips[0], slips[-1], _MAP), numbers),
         log,
-        present_of(of, log.largest_slip, log.samples, log.runs) if log else None,
-        wanted_of(of, slips, want) if want else None,
+        of.present(log.largest_slip, log.samples, log.runs) if log else None,
+        of.wanted(slips, want) if want else None,
     )
     logs = source.logs if isinstance(source, Identification) else ()
     return written(planned, out, PLAN_FILES, columns_of([one.points for one in logs]))
@@ -197,13 +193,13 @@ def _settled(
         _refuse_strange(conditions, dict.fromkeys(log.truth.conditions, (-math.inf, math.inf)))
         truth = log.truth._replace(conditions={**log.truth.conditions, **conditions})
         words = f"{name} as fitted to {Path(source.measured.name).name}"
-        return words, planner(truth, _complete(log.noise), log.design), log
+        return words, Planner(truth, _complete(log.noise), log.design), log
     words, truth = _truth(source, conditions)
     runs = Sweeps(_SAMPLES_PER_RUN if samples_per_run is None else samples_per_run)
     if samples_per_run is not None and samples_per_run < 2:
         raise InputError(f"samples_per_run is 2 or more, not {samples_per_run}.")
     noise = _complete(RunNoise(**{"sigma": _SIGMA, **stated}))
-    return words, planner(truth, noise, runs), None
+    return words, Planner(truth, noise, runs), None
 
 
 def _complete(noise: RunNoise) -> RunNoise:

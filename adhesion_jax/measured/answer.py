@@ -136,7 +136,10 @@ def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
     counted = [(fit, weights[name]) for name, fit in fits.items() if weights[name] > _LEAST_WEIGHT]
     peaked = [(fit, weight) for fit, weight in counted if fit.peak.found]
     with_peak = sum(weight for _, weight in peaked)
-    level = [(f.peak.adhesion, *_of(f, f.peak.by_law), w) for f, w in counted]
+    level = []
+    for fit, weight in counted:
+        (error,), (degrees,) = fit.errors(fit.peak.by_law[None])
+        level.append((fit.peak.adhesion, float(error), float(degrees), weight))
     return Answer(
         weights,
         _mixture(level),
@@ -190,11 +193,6 @@ def turned(
         return float(slip[i - 1] * (slip[i] / slip[i - 1]) ** share)
 
     return Estimate(*(crossing(float(ndtri(share))) for share in (0.5, 0.025, 0.975)))
-
-
-def _of(fit: MeasuredFit, direction: np.ndarray) -> tuple[float, float]:
-    errors, degrees = fit.errors(direction[None])
-    return float(errors[0]), float(degrees[0])
 
 
 def predictive_weights(

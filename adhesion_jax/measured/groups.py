@@ -1,15 +1,17 @@
 """Groups of rows: what tells them apart, and what each says by itself."""
 
+import operator
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from typing import NamedTuple
 
+import jax
 import numpy as np
 import pandas as pd
 
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import Measured
 from adhesion_jax.data.columns import GROUP
+from adhesion_jax.data.understanding import no_column
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows
@@ -110,12 +112,8 @@ def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
     table = points.table
     name = by if by in table else GROUP
     if name not in table and by != "run":
-        names = [*table.columns.astype(str), "run"]
-        near = get_close_matches(by, names, 3) or names[:12]
-        raise InputError(
-            f"{points.name} has no column {by} to compare by; there "
-            f"{'is' if len(near) == 1 else 'are'} {', '.join(dict.fromkeys(near))}."
-        )
+        names = dict.fromkeys([*table.columns.astype(str), "run"])
+        raise no_column(points.name, f"{by} to compare by", by, [*names])
     column = table[name] if name in table else pd.Series(run + 1, table.index)
     labels = column.astype(str)
     count = labels.nunique()
@@ -183,13 +181,7 @@ def each_by_itself(
         if own.size < _FEWEST_ROWS:
             continue
         apart = np.append(True, (np.diff(run[own]) != 0) | (np.diff(own) > 1))
-        part = Record(
-            record.slip[own],
-            record.adhesion[own],
-            record.mask[own],
-            record.fresh[own],
-            {column: values[own] for column, values in record.conditions.items()},
-        )
+        part = jax.tree.map(operator.itemgetter(own), record)
         pieces = np.cumsum(apart) - 1
         found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=starts)
         answer = answered(found.curves)

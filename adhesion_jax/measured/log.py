@@ -12,7 +12,7 @@ from adhesion_jax.curves import CURVES, SLIP_LIMIT, Peak
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.data import Measured
 from adhesion_jax.data.events import events_of
-from adhesion_jax.data.grouping import group
+from adhesion_jax.data.runs import group
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import fit_curves
@@ -227,18 +227,13 @@ def initial_slope(log: Log, given: float | None = None) -> InitialSlope:
     fits = fit_curves(curve, record, one_run, log.slip_is_velocity, given=0.0).curves
     fit = fits[_FORM]
     alone = fit.curve.peak(fit.conditions, fit.slip_limit)
-    found = InitialSlope(0.0, 0.0, given is not None, fit, alone, _form(fit, alone), chosen.size)
+    form = {"mu_max": 0.0, "slip_opt": 0.0}
+    if fit.peak.found and alone.found:
+        form["mu_max"] = abs(float(fit.peak.adhesion) / float(alone.adhesion) - 1)
+        form["slip_opt"] = abs(float(fit.peak.slip) / float(alone.slip) - 1)
+    found = InitialSlope(0.0, 0.0, given is not None, fit, alone, form, chosen.size)
     value, error = found.fitted if given is None else (given, 0.0)
     return found._replace(value=value, standard_error=error)
-
-
-def _form(fit: MeasuredFit, alone: Peak) -> dict[str, float]:
-    if not (fit.peak.found and alone.found):
-        return {"mu_max": 0.0, "slip_opt": 0.0}
-    return {
-        "mu_max": abs(float(fit.peak.adhesion) / float(alone.adhesion) - 1),
-        "slip_opt": abs(float(fit.peak.slip) / float(alone.slip) - 1),
-    }
 
 
 def _chosen(size: Float[np.ndarray, " samples"]) -> Int[np.ndarray, " chosen"]:

@@ -1,4 +1,7 @@
-"""Rails from files: the curve of an identification, the law of a discovery."""
+"""Rails from files: the curve of an identification, the law of a discovery.
+
+A loop asks them millions of times: what takes long to compute in a law is in tables.
+"""
 
 import dataclasses
 import json
@@ -12,8 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from adhesion_jax.curves import SLIP_LIMIT, Conditions, Law, Peak, Scalar, Signal
+from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar, Signal
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
+from adhesion_jax.curves.bent import Bent, place_of
 from adhesion_jax.effects.api import Value
 from adhesion_jax.effects.conditions import NOMINAL_RADIUS
 from adhesion_jax.effects.dynamic import Lagging
@@ -23,7 +27,6 @@ from adhesion_jax.effects.saved import load_law
 from adhesion_jax.effects.signals import Delay, Inertia, Lag, SlipBias, TorqueOffset
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA
-from adhesion_jax.measured.tabulated import peaked, tabulated
 from adhesion_jax.traction.families.base import SPEED, Family
 from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
 from adhesion_jax.traction.signals import Number, PerAxle
@@ -34,6 +37,73 @@ _OF_MEASURING = (SlipBias, TorqueOffset, Inertia, Lag, Delay)
 
 #: Up to how many times the slip of a curve's own peak that of the curve with effects is sought.
 _BEYOND = 8.0
+
+
+#: Number of cubics that a departure is made of, for slips of either sign.
+_CUBICS = 2048
+
+#: Speeds of the train in m/s at which the peak of a law is sought.
+_SPEEDS = np.geomspace(0.05, 150.0, 512)
+
+
+class Tabulated(Law):
+    """A curve and its departure, the sum of sines as cubics in the place u."""
+
+    curve: Curve
+    cubics: Float[Array, "cells powers"]  # from u = -1, of negative slips, to 1
+    reach: Scalar
+    largest: Scalar
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        place = jnp.sign(slip) * place_of(slip, self.reach, self.largest)
+        cell = jnp.clip(jnp.floor(_CUBICS * place), -_CUBICS, _CUBICS - 1)
+        within = _CUBICS * place - cell
+        a, b, c, d = jnp.moveaxis(self.cubics[cell.astype(int) + _CUBICS], -1, 0)
+        return self.curve(slip, conditions) * (1 + a + within * (b + within * (c + within * d)))
+
+
+def tabulated(law: Law) -> Law:
+    """The law, a departure of it in a table, each cubic of which goes through four points."""
+    if not isinstance(law, Bent):
+        return law
+    within = np.arange(4) / 3
+    places = (np.arange(-_CUBICS, _CUBICS)[:, None] + within) / _CUBICS
+    width = jnp.log1p(law.largest / law.reach)
+    slips = jnp.sign(places) * law.reach * jnp.expm1(jnp.abs(places) * width)
+    powers = np.linalg.inv(np.vander(within, increasing=True))
+    return Tabulated(law.curve, law.departure(slips) @ powers.T, law.reach, law.largest)
+
+
+class Peaked(Law):
+    """A law whose peak is known at some speeds of the train, and is not sought at others.
+
+    Beyond the speeds it has the slip of the nearest.
+    """
+
+    law: Law
+    peaks: Peak  # [speeds]
+
+    def __call__(self, slip: Signal, conditions: Conditions) -> Signal:
+        return self.law(slip, conditions)
+
+    def peak(self, conditions: Conditions, slip_limit: Scalar = SLIP_LIMIT) -> Peak:
+        last, speed = len(_SPEEDS) - 1, jnp.maximum(conditions["vehicle_speed_mps"], _SPEEDS[0])
+        ratio = np.log(_SPEEDS[-1] / _SPEEDS[0]) / last
+        place = jnp.minimum(jnp.log(speed / _SPEEDS[0]) / ratio, last)
+        before = jnp.minimum(place.astype(int), last - 1)
+        low, high = self.peaks.slip[before], self.peaks.slip[before + 1]
+        # From one speed to the next the peak may go over to another maximum.
+        slips = jnp.stack([low + (place - before) * (high - low), low, high])
+        adhesion = self.law(slips, conditions)
+        best = jnp.argmax(adhesion)
+        found = self.peaks.found[jnp.round(place).astype(int)]
+        return Peak(slips[best], adhesion[best], found)
+
+
+def peaked(law: Law, slip_limit: float) -> Peaked:
+    """The law, with its peaks up to a slip."""
+    sought = jax.vmap(lambda speed: law.peak({"vehicle_speed_mps": speed}, slip_limit))
+    return Peaked(law, sought(jnp.asarray(_SPEEDS)))
 
 
 class Steady(Law):

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.stats import linregress
 
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.rows import Rows, evenly, thinned
@@ -66,7 +67,10 @@ def residual_structure(fit: MeasuredFit, rows: Rows) -> Residual:
         top = int(np.argmax(model >= _SHOULDER * model.max()))
     behind = float(slip[top])
     after = slip > behind
-    slope, slope_se = _slope(slip[after], residual[after])
+    slope, slope_se = np.nan, np.nan
+    if after.sum() >= _SLOPE_POINTS and np.ptp(slip[after]) > 0:
+        line = linregress(slip[after], residual[after])
+        slope, slope_se = float(line.slope), float(line.stderr)
     return Residual(
         slip,
         side * signed,
@@ -88,13 +92,3 @@ def running_mean(
     """Means of `window` neighbours in slip: their slip and their residual."""
     weights = np.full(window, 1 / window)
     return np.convolve(slip, weights, "valid"), np.convolve(residual, weights, "valid")
-
-
-def _slope(slip: np.ndarray, residual: np.ndarray) -> tuple[float, float]:
-    """Ordinary least squares: the slope and its standard error."""
-    if slip.size < _SLOPE_POINTS or np.ptp(slip) == 0:
-        return np.nan, np.nan
-    x, y = slip - slip.mean(), residual - residual.mean()
-    slope = np.sum(x * y) / np.sum(x**2)
-    error = np.sqrt(np.sum((y - slope * x) ** 2) / (slip.size - 2) / np.sum(x**2))
-    return float(slope), float(error)

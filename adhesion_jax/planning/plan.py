@@ -9,11 +9,10 @@ from jaxtyping import Float, Int
 from scipy.linalg import solveh_banded
 
 from adhesion_jax.data import Measured
-from adhesion_jax.data.grouping import group
+from adhesion_jax.data.runs import group
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.truth import (
-    PeakOfTruth,
     Sensitivity,
     Truth,
     peak_of,
@@ -159,17 +158,6 @@ FEWEST_SAMPLES, MOST_SAMPLES = 10, 10**9
 _TRIALS, _DIVISIONS = 8, 3
 
 
-class Planner(NamedTuple):
-    """What a plan depends on, beside its largest slip and its number of samples."""
-
-    truth: Truth
-    peak: PeakOfTruth
-    noise: RunNoise
-    design: Design
-    #: Information of runs that was computed, by their largest slip and their number of samples.
-    computed: dict[tuple[float, int], Information]
-
-
 class Plan(NamedTuple):
     """Relative standard errors of the peak of a curve of the right form that is fitted.
 
@@ -179,7 +167,7 @@ class Plan(NamedTuple):
     value; infinite where the samples do not determine a parameter.
     """
 
-    planner: Planner
+    planner: "Planner"
     largest_slips: Float[np.ndarray, " slips"]
     samples: Float[np.ndarray, " numbers"]
     errors: Float[np.ndarray, "slips numbers 2"]  # of mu_max and of slip_opt
@@ -211,94 +199,93 @@ class Wanted(NamedTuple):
     cheapest: float
 
 
-def planner(truth: Truth, noise: RunNoise, design: Design) -> Planner:
-    """InputError where the law has no peak, or lacks a condition."""
-    return Planner(truth, peak_of(truth), noise, design, {})
+class Planner:
+    """What a plan depends on, beside its largest slip and its number of samples.
 
-
-def plan_of(
-    planner: Planner,
-    largest_slips: Float[np.ndarray, " slips"],
-    samples: Float[np.ndarray, " numbers"],
-) -> Plan:
-    """The plan of every pair of a largest slip and a number of samples."""
-    columns = [relative_errors(planner, largest_slips, number) for number in samples]
-    return Plan(planner, largest_slips, samples, np.stack(columns, axis=1))
-
-
-def present_of(planner: Planner, largest_slip: float, samples: int, runs: int) -> Present:
-    """The place of a measurement in the plan."""
-    errors = relative_errors(planner, np.array([largest_slip]), samples)[0]
-    place = planner, largest_slip, samples
-    further = _slip_that_halves(*place, 0), _slip_that_halves(*place, 1)
-    return Present(largest_slip, samples, runs, errors, further)
-
-
-def wanted_of(planner: Planner, largest_slips: Float[np.ndarray, " slips"], error: float) -> Wanted:
-    """The fewest samples for each largest slip, and for the best of all slips between them."""
-    samples = _fewest_samples(planner, largest_slips, error)
-    best = int(np.argmin(samples))
-    around = largest_slips[[max(best - 1, 0), min(best + 1, largest_slips.size - 1)]]
-    between = np.geomspace(around[0], around[1], 2 * _TRIALS)
-    fewer = _fewest_samples(planner, between, error)
-    cheapest = int(np.argmin(fewer))
-    return Wanted(error, samples, float(between[cheapest]), float(fewer[cheapest]))
-
-
-def _fewest_samples(
-    planner: Planner, largest_slips: Float[np.ndarray, " slips"], error: float
-) -> Float[np.ndarray, " slips"]:
-    """By bisection; infinite where MOST_SAMPLES would not do."""
-    few = np.full(largest_slips.size, FEWEST_SAMPLES - 1.0)
-    many = np.full(largest_slips.size, float(MOST_SAMPLES))
-    aim = np.array([error, ROUGH])
-    reached = np.all(relative_errors(planner, largest_slips, many) <= aim, axis=1)
-    while np.any(many - few > 1):
-        middle = np.floor((few + many) / 2)
-        enough = np.all(relative_errors(planner, largest_slips, middle) <= aim, axis=1)
-        few, many = np.where(enough, few, middle), np.where(enough, middle, many)
-    return np.where(reached, many, np.inf)
-
-
-def relative_errors(
-    planner: Planner,
-    largest_slips: Float[np.ndarray, " slips"],
-    samples: float | int | Float[np.ndarray, " slips"],
-) -> Float[np.ndarray, "slips 2"]:
-    """Of mu_max and slip_opt for each largest slip, with one number of samples or one for each."""
-    curvatures, scores = [], []
-    for largest, number in np.broadcast(largest_slips, samples):
-        excitation = planner.design(float(number))
-        which = (float(largest), excitation.share.size)
-        if which not in planner.computed:  # that of the runs, each taken once
-            sensitivity = sensitivity_of(planner.truth, float(largest) * excitation.share)
-            found = information_under(planner.noise, sensitivity, excitation.starts)
-            planner.computed[which] = found
-        of_runs = planner.computed[which]
-        curvatures.append(excitation.repeats * of_runs.curvature)
-        scores.append(excitation.repeats * of_runs.score)
-    errors = standard_errors(planner.peak, np.stack(curvatures), np.stack(scores))
-    return errors / np.array([planner.peak.mu_max, planner.peak.slip_opt])
-
-
-def _slip_that_halves(
-    planner: Planner, present_slip: float, samples: int, quantity: int
-) -> float | None:
-    """The smallest largest slip beyond the present one that halves a standard error.
-
-    With as many samples. `quantity` is 0 for mu_max and 1 for slip_opt; None where no slip does.
+    InputError where the law has no peak, or lacks a condition.
     """
-    limit = planner.truth.slip_limit
-    half = relative_errors(planner, np.array([present_slip]), samples)[0, quantity] / 2
-    low, high = present_slip, limit
-    for _ in range(_DIVISIONS):
-        trials = np.geomspace(low, high, _TRIALS)
-        enough = relative_errors(planner, trials, samples)[:, quantity] <= half
-        if not enough.any():
-            return None
-        place = int(np.argmax(enough))
-        low, high = trials[max(place - 1, 0)], trials[place]
-    return float(high)
+
+    def __init__(self, truth: Truth, noise: RunNoise, design: Design) -> None:
+        self.truth, self.noise, self.design, self.peak = truth, noise, design, peak_of(truth)
+        #: Information of runs that was computed, by their largest slip and number of samples.
+        self.computed: dict[tuple[float, int], Information] = {}
+
+    def plan(
+        self, largest_slips: Float[np.ndarray, " slips"], samples: Float[np.ndarray, " numbers"]
+    ) -> Plan:
+        """The plan of every pair of a largest slip and a number of samples."""
+        columns = [self.errors(largest_slips, number) for number in samples]
+        return Plan(self, largest_slips, samples, np.stack(columns, axis=1))
+
+    def present(self, largest_slip: float, samples: int, runs: int) -> Present:
+        """The place of a measurement in the plan."""
+        errors = self.errors(np.array([largest_slip]), samples)[0]
+        further = [self._slip_that_halves(largest_slip, samples, quantity) for quantity in (0, 1)]
+        return Present(largest_slip, samples, runs, errors, (further[0], further[1]))
+
+    def wanted(self, largest_slips: Float[np.ndarray, " slips"], error: float) -> Wanted:
+        """The fewest samples for each largest slip, and for the best of all slips between them."""
+        samples = self._fewest_samples(largest_slips, error)
+        best = int(np.argmin(samples))
+        around = largest_slips[[max(best - 1, 0), min(best + 1, largest_slips.size - 1)]]
+        between = np.geomspace(around[0], around[1], 2 * _TRIALS)
+        fewer = self._fewest_samples(between, error)
+        cheapest = int(np.argmin(fewer))
+        return Wanted(error, samples, float(between[cheapest]), float(fewer[cheapest]))
+
+    def _fewest_samples(
+        self, largest_slips: Float[np.ndarray, " slips"], error: float
+    ) -> Float[np.ndarray, " slips"]:
+        """By bisection; infinite where MOST_SAMPLES would not do."""
+        few = np.full(largest_slips.size, FEWEST_SAMPLES - 1.0)
+        many = np.full(largest_slips.size, float(MOST_SAMPLES))
+        aim = np.array([error, ROUGH])
+        reached = np.all(self.errors(largest_slips, many) <= aim, axis=1)
+        while np.any(many - few > 1):
+            middle = np.floor((few + many) / 2)
+            enough = np.all(self.errors(largest_slips, middle) <= aim, axis=1)
+            few, many = np.where(enough, few, middle), np.where(enough, middle, many)
+        return np.where(reached, many, np.inf)
+
+    def errors(
+        self,
+        largest_slips: Float[np.ndarray, " slips"],
+        samples: float | int | Float[np.ndarray, " slips"],
+    ) -> Float[np.ndarray, "slips 2"]:
+        """Of mu_max and slip_opt, relative, for each largest slip.
+
+        With one number of samples, or one for each.
+        """
+        curvatures, scores = [], []
+        for largest, number in np.broadcast(largest_slips, samples):
+            excitation = self.design(float(number))
+            which = (float(largest), excitation.share.size)
+            if which not in self.computed:  # that of the runs, each taken once
+                sensitivity = sensitivity_of(self.truth, float(largest) * excitation.share)
+                found = information_under(self.noise, sensitivity, excitation.starts)
+                self.computed[which] = found
+            of_runs = self.computed[which]
+            curvatures.append(excitation.repeats * of_runs.curvature)
+            scores.append(excitation.repeats * of_runs.score)
+        errors = standard_errors(self.peak, np.stack(curvatures), np.stack(scores))
+        return errors / np.array([self.peak.mu_max, self.peak.slip_opt])
+
+    def _slip_that_halves(self, present_slip: float, samples: int, quantity: int) -> float | None:
+        """The smallest largest slip beyond the present one that halves a standard error.
+
+        With as many samples; None where no slip does. `quantity` is 0 for mu_max and 1 for
+        slip_opt.
+        """
+        half = self.errors(np.array([present_slip]), samples)[0, quantity] / 2
+        low, high = present_slip, self.truth.slip_limit
+        for _ in range(_DIVISIONS):
+            trials = np.geomspace(low, high, _TRIALS)
+            enough = self.errors(trials, samples)[:, quantity] <= half
+            if not enough.any():
+                return None
+            place = int(np.argmax(enough))
+            low, high = trials[max(place - 1, 0)], trials[place]
+        return float(high)
 
 
 class OwnLog(NamedTuple):

@@ -22,14 +22,14 @@ STEP_S = 0.01
 #: with its correlation from row to row.
 WHEEL_SPEED_NOISE_MPS, SIGMA, AUTOCORRELATION = 0.02, 0.008, 0.5
 
-#: The columns of the export: unit, digits after the comma.
+#: The columns of the export: what they are of, how much larger its unit is, digits after the comma.
 _EXPORT = {
-    "v [km/h]": 2,
-    "v_Rad [km/h]": 2,
-    "Zugkraft [kN]": 2,
-    "Achslast [kN]": 1,
-    "rH (%)": 1,
-    "T [°C]": 1,
+    "v [km/h]": ("vehicle_speed_mps", 1 / 3.6, 2),
+    "v_Rad [km/h]": ("wheel_speed_mps", 1 / 3.6, 2),
+    "Zugkraft [kN]": ("tangential_force_N", 1000.0, 2),
+    "Achslast [kN]": ("normal_load_N", 1000.0, 1),
+    "rH (%)": ("relative_humidity_pct", 1.0, 1),
+    "T [°C]": ("temperature_C", 1.0, 1),
 }
 _BEGIN = np.datetime64("2024-03-18T06:00:00.000", "ms")
 _AXLE_LOAD_N = 210e3
@@ -242,17 +242,9 @@ def _trips(seconds: float, chance: np.random.Generator) -> tuple[np.ndarray, np.
 
 def _exported(table: pd.DataFrame) -> pd.DataFrame:
     stamps = _BEGIN + np.round(1000 * table["time_s"].to_numpy()).astype("timedelta64[ms]")
-    values = (
-        3.6 * table["vehicle_speed_mps"],
-        3.6 * table["wheel_speed_mps"],
-        table["tangential_force_N"] / 1000,
-        table["normal_load_N"] / 1000,
-        table["relative_humidity_pct"],
-        table["temperature_C"],
-    )
     rounded = {
-        name: column.round(digits)
-        for (name, digits), column in zip(_EXPORT.items(), values, strict=True)
+        name: (table[column] / unit).round(digits)
+        for name, (column, unit, digits) in _EXPORT.items()
     }
     return pd.DataFrame({"Zeit": stamps, **rounded})
 
@@ -261,7 +253,7 @@ def _lines(table: pd.DataFrame) -> bytes:
     compute = pyarrow.compute
     stamps = compute.strftime(pyarrow.array(table["Zeit"]), format="%d.%m.%Y %H:%M:%S")
     cells = [compute.utf8_replace_slice(stamps, 19, 20, ",")]
-    for name, digits in _EXPORT.items():
+    for name, (_, _, digits) in _EXPORT.items():
         number = pyarrow.array(table[name].to_numpy()).cast(pyarrow.decimal128(12, digits))
         cells.append(compute.replace_substring(number.cast(pyarrow.string()), ".", ","))
     rows = compute.binary_join_element_wise(*cells, ";")

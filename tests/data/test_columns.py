@@ -9,8 +9,7 @@ import pytest
 
 from adhesion_jax.data import check_curve, read_all, read_measured, to_measured
 from adhesion_jax.data.cells import decimal_mark, form_of, numbers, seconds, stamps, unwrapped
-from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.data.naming import conversion, guess, named
+from adhesion_jax.data.columns import COLUMNS, conversion, guess, named
 from adhesion_jax.errors import InputError
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import read_measured, to_measured, to_record, to_runs
-from adhesion_jax.data.naming import guess, side_by_side
+from adhesion_jax.data.columns import guess, side_by_side
 from adhesion_jax.errors import InputError
 
 SHARED = Path(__file__).parents[3] / "shared" / "faults" / "newcomer"

@@ -7,7 +7,7 @@ import pytest
 
 from adhesion_jax.curves import CURVES, Burckhardt, Law, PolachFalling
 from adhesion_jax.curves.bent import FUNCTIONS, Bent
-from adhesion_jax.measured.tabulated import peaked, tabulated
+from adhesion_jax.measured.rails import peaked, tabulated
 
 FACTORS, BRAKING = np.random.default_rng(4).normal(0, 0.02, (2, FUNCTIONS))
 FALLING = PolachFalling(mu0=0.35, a=0.0, b=0.26, stiffness=210.0, k_s=0.43)

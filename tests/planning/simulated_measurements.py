@@ -31,14 +31,14 @@ def check_plan(plan: Plan, measurements: int, seed: int) -> pd.DataFrame:
     """
     cells = np.argwhere(plan.errors[..., 1] <= _SMALL)
     chosen = np.unique(np.linspace(0, len(cells) - 1, min(CELLS, len(cells))).astype(int))
-    truth, peak, noise, design, _ = plan.planner
+    of = plan.planner
     rows = []
     for number, (i, j) in enumerate(cells[chosen].tolist()):
-        excitation, largest = design(plan.samples[j]), float(plan.largest_slips[i])
+        excitation, largest = of.design(plan.samples[j]), float(plan.largest_slips[i])
         generator = np.random.default_rng([seed, number])
-        found = estimates(truth, noise, excitation, largest, measurements, generator)
+        found = estimates(of.truth, of.noise, excitation, largest, measurements, generator)
         known = found[np.isfinite(found)]
-        planned, simulated = plan.errors[i, j, 0], known.std(ddof=1) / peak.mu_max
+        planned, simulated = plan.errors[i, j, 0], known.std(ddof=1) / of.peak.mu_max
         ratio = simulated / planned
         rows.append(
             {
@@ -50,7 +50,7 @@ def check_plan(plan: Plan, measurements: int, seed: int) -> pd.DataFrame:
                 "simulated": simulated,
                 "ratio": ratio,
                 "ratio_se": ratio / np.sqrt(2 * (known.size - 1)),
-                "bias": (known.mean() / peak.mu_max - 1) / planned,
+                "bias": (known.mean() / of.peak.mu_max - 1) / planned,
                 "failed": found.size - known.size,
             }
         )

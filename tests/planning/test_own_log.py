@@ -12,7 +12,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.planning.plan import again, planner, present_of
+from adhesion_jax.planning.plan import Planner, again
 from adhesion_jax.planning.truth import Truth
 from adhesion_jax.scenarios.rails import RAILS
 
@@ -49,8 +49,8 @@ def found():
 def test_the_log_is_placed_where_its_truth_is(found):
     """The errors of the fitted curve and noise are those of the true ones, to a quarter."""
     starts, slip = POINTS * np.arange(RUNS), np.tile(np.linspace(0.0, LARGEST, POINTS), RUNS)
-    settled = planner(Truth(RAILS["common"], {}), NOISE, again(slip, starts))
-    truth = present_of(settled, LARGEST, RUNS * POINTS, RUNS)
+    settled = Planner(Truth(RAILS["common"], {}), NOISE, again(slip, starts))
+    truth = settled.present(LARGEST, RUNS * POINTS, RUNS)
     assert (found.present.samples, found.present.runs) == (RUNS * POINTS, RUNS)
     assert found.present.largest_slip == LARGEST
     np.testing.assert_allclose(found.present.errors, truth.errors, rtol=0.35)

@@ -18,14 +18,10 @@ from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.plan import (
     ROUGH,
     Again,
+    Planner,
     Sweeps,
     again,
     information_under,
-    plan_of,
-    planner,
-    present_of,
-    relative_errors,
-    wanted_of,
 )
 from adhesion_jax.planning.truth import Truth, peak_of, sensitivity_of
 from adhesion_jax.report.plan import worth
@@ -123,7 +119,7 @@ def test_the_errors_of_the_peak_follow_from_its_closed_form():
     curvature, score = sandwich(noise, sensitivity, slope, covariance(noise, slope, level))
     along = np.linalg.solve(curvature, np.array(gradient))
     of_slip, of_level = np.sqrt(np.diag(along.T @ score @ along) / 5)
-    found = relative_errors(planner(COMMON, noise, Sweeps(200)), np.array([0.3]), 1000.0)
+    found = Planner(COMMON, noise, Sweeps(200)).errors(np.array([0.3]), 1000.0)
     np.testing.assert_allclose(found[0], [of_level / mu_max, of_slip / slip_opt], rtol=1e-4)
 
 
@@ -139,57 +135,53 @@ def test_the_truth_is_differentiated_at_any_number_of_slips():
 def test_four_times_as_many_runs_halve_every_error_and_more_noise_never_helps():
     slips = np.geomspace(0.1, 0.8, 6)
     for noise in NOISES.values():
-        found = plan_of(planner(COMMON, noise, Sweeps(200)), slips, np.array([400.0, 1600.0]))
+        found = Planner(COMMON, noise, Sweeps(200)).plan(slips, np.array([400.0, 1600.0]))
         np.testing.assert_allclose(found.errors[:, 0], 2 * found.errors[:, 1], rtol=1e-9)
-    quiet = relative_errors(planner(COMMON, NOISES["white"], Sweeps(200)), slips, 400.0)
-    blurred = relative_errors(
-        planner(COMMON, RunNoise(0.01, slip_noise=0.001), Sweeps(200)), slips, 400.0
-    )
+    quiet = Planner(COMMON, NOISES["white"], Sweeps(200)).errors(slips, 400.0)
+    blurred = Planner(COMMON, RunNoise(0.01, slip_noise=0.001), Sweeps(200)).errors(slips, 400.0)
     assert np.all(blurred > quiet)
     # Levels of runs add their own variance to mu_max, and leave the slip of the peak alone.
     scattered = RunNoise(0.01, run_scatter=0.01)
-    level = relative_errors(planner(COMMON, scattered, Sweeps(200)), slips, 400.0)
+    level = Planner(COMMON, scattered, Sweeps(200)).errors(slips, 400.0)
     np.testing.assert_allclose(level[:, 1], quiet[:, 1], rtol=1e-6)
     np.testing.assert_allclose(level[:, 0] ** 2, quiet[:, 0] ** 2 + 0.01**2 / 2, rtol=1e-6)
     # Doubled noise doubles every error.
-    doubled = relative_errors(planner(COMMON, RunNoise(0.02), Sweeps(200)), slips, 400.0)
+    doubled = Planner(COMMON, RunNoise(0.02), Sweeps(200)).errors(slips, 400.0)
     np.testing.assert_allclose(doubled, 2 * quiet, rtol=1e-9)
 
 
 def test_parameters_that_the_slips_cannot_tell_apart_leave_the_peak_undetermined():
     """At slips so small that the curve is a straight line, only its slope is seen."""
-    errors = relative_errors(
-        planner(COMMON, NOISES["white"], Sweeps(200)), np.array([1e-9, 0.3]), 400.0
-    )
+    errors = Planner(COMMON, NOISES["white"], Sweeps(200)).errors(np.array([1e-9, 0.3]), 400.0)
     assert np.all((errors[0] > 1e3) | np.isinf(errors[0]))
     assert np.all(errors[1] < 0.1)
     two = aj.Kiencke(a0=40.0, p1=100.0, p2=500.0, free=("p1", "p2"))
-    at_zero = planner(Truth(two, {}), NOISES["white"], Again(np.zeros(20), np.zeros(1, int), 20))
-    assert np.all(np.isinf(relative_errors(at_zero, np.array([0.3]), 400.0)))
+    at_zero = Planner(Truth(two, {}), NOISES["white"], Again(np.zeros(20), np.zeros(1, int), 20))
+    assert np.all(np.isinf(at_zero.errors(np.array([0.3]), 400.0)))
 
 
 def test_the_fewest_samples_reach_the_wanted_error_and_one_fewer_does_not():
-    chosen = planner(COMMON, NOISES["white"], again(np.linspace(0.0, 1.0, 50), np.zeros(1, int)))
+    chosen = Planner(COMMON, NOISES["white"], again(np.linspace(0.0, 1.0, 50), np.zeros(1, int)))
     slips = np.array([0.15, 0.3, 0.6])
-    wanted = wanted_of(chosen, slips, 0.002)
-    enough = relative_errors(chosen, slips, wanted.samples)
-    fewer = relative_errors(chosen, slips, wanted.samples - 1)
+    wanted = chosen.wanted(slips, 0.002)
+    enough = chosen.errors(slips, wanted.samples)
+    fewer = chosen.errors(slips, wanted.samples - 1)
     assert np.all(enough <= [0.002, ROUGH])
     assert np.all(np.any(fewer > [0.002, ROUGH], axis=1))
     assert wanted.cheapest <= wanted.samples.min()
-    best = relative_errors(chosen, np.array([wanted.cheapest_slip]), wanted.cheapest)[0]
+    best = chosen.errors(np.array([wanted.cheapest_slip]), wanted.cheapest)[0]
     assert best[0] <= 0.002
 
 
 def test_the_slip_that_halves_the_interval_does():
     slip = np.linspace(0.0, 0.15, 150)
-    chosen = planner(COMMON, RunNoise(0.01, 0.8), again(slip, np.array([0, 75])))
-    present = present_of(chosen, 0.15, 150, 2)
+    chosen = Planner(COMMON, RunNoise(0.01, 0.8), again(slip, np.array([0, 75])))
+    present = chosen.present(0.15, 150, 2)
     for quantity, further in enumerate(present.further):
         assert further is not None
-        at = relative_errors(chosen, np.array([further, 0.97 * further]), 150.0)[:, quantity]
+        at = chosen.errors(np.array([further, 0.97 * further]), 150.0)[:, quantity]
         assert at[0] <= present.errors[quantity] / 2 < at[1]
-    reached = present_of(chosen, 0.6, 150, 2)
+    reached = chosen.present(0.6, 150, 2)
     assert reached.further[0] is None
 
 
@@ -213,7 +205,7 @@ def test_sweeps_divide_the_samples_into_runs_from_zero_to_the_largest_slip():
 def test_simulated_measurements_scatter_as_planned(noise):
     """Six cells: the ratio of the standard errors within 5 %, or four of its standard errors."""
     slips, numbers = np.geomspace(0.35, 0.7, 3), np.array([400.0, 1600.0])
-    chosen = plan_of(planner(COMMON, noise, Sweeps(200)), slips, numbers)
+    chosen = Planner(COMMON, noise, Sweeps(200)).plan(slips, numbers)
     cells = check_plan(chosen, 1000, seed=4)
     assert len(cells) >= 5
     assert cells["failed"].sum() <= 5

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from adhesion_jax.data.grouping import places
-from adhesion_jax.data.runs import RunSet
+from adhesion_jax.data.runs import RunSet, places
 from adhesion_jax.effects.conditions import Calendar, completed_runs
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.programs import kept

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from adhesion_jax.data.naming import Conversion, conversion
+from adhesion_jax.data.columns import Conversion, conversion
 from adhesion_jax.errors import InputError
 from adhesion_jax.traction.plants import MODELS
 from adhesion_jax.traction.plants.base import Plant, Quantity, quantities
