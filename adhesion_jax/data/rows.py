@@ -1,5 +1,6 @@
 """The rows of a log that are used: fewer with each step, and each step says which and why."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 
@@ -343,39 +344,23 @@ def _within_files(
         return labels
     run, file = labels["run"], labels["file"]
     width = len(run.categories)
-    codes, both = pd.factorize(file.codes.astype(np.int64) * width + run.codes)
-    goes_on = _going_on(both % width, codes, time)
-    in_files = np.bincount((both % width)[np.unique(goes_on)], minlength=width)
-    names = [
-        f"{of_file}:{name}" if name and count > 1 else name
-        for of_file, name, count in zip(
-            file.categories[both[goes_on] // width],
-            run.categories[both % width],
-            in_files[both % width],
-            strict=True,
-        )
-    ]
+    part, both = pd.factorize(file.codes.astype(np.int64) * width + run.codes)
+    runs = (both % width).tolist()
+    times = np.full(part.size, np.nan) if time is None else time
+    spans = pd.Series(times).groupby(part).agg(["min", "max"]).to_numpy()
+    longest = longest_step(times, part)
+    # The first part of the run that each part goes on, itself if it begins one.
+    first, before = np.arange(both.size), dict.fromkeys(runs, -1)
+    for one, of_run in enumerate(runs):
+        last, before[of_run] = before[of_run], one
+        if last >= 0 and 0 <= spans[one, 0] - spans[last, 1] <= longest:
+            first[one] = first[last]
+    begun = Counter(runs[one] for one in {*first.tolist()})
+    names = []
+    for begin, of_run in zip(first.tolist(), runs, strict=True):
+        name = run.categories[of_run]
+        several = name and begun[of_run] > 1
+        names.append(f"{file.categories[both[begin] // width]}:{name}" if several else name)
     found, of_names = pd.factorize(np.array(names, dtype=object))
-    return {
-        **labels,
-        "run": pd.Categorical.from_codes(found[codes], pd.Index(of_names, dtype="str")),
-    }
-
-
-def _going_on(runs: np.ndarray, part: np.ndarray, time: np.ndarray | None) -> np.ndarray:
-    """The first part of the run that each part of it goes on, [parts], itself if it begins one.
-
-    `runs` [parts] are the runs by number, in the order of the files, and `part` is that of each
-    row, with the time in s.
-    """
-    first = np.arange(runs.size)
-    if time is None:
-        return first
-    spans = pd.Series(time).groupby(part).agg(["min", "max"]).to_numpy()
-    longest = longest_step(time, part)
-    before: dict[int, int] = {}
-    for one, run in enumerate(runs.tolist()):
-        if run in before and 0 <= spans[one, 0] - spans[before[run], 1] <= longest:
-            first[one] = first[before[run]]
-        before[run] = one
-    return first
+    own = pd.Categorical.from_codes(found[part], pd.Index(of_names, dtype="str"))
+    return {**labels, "run": own}
