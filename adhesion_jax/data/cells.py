@@ -89,8 +89,7 @@ def is_text(kind: pyarrow.DataType) -> bool:
 
 def _array(values: pyarrow.Array) -> np.ndarray:
     # A null becomes NaN.
-    found: np.ndarray = values.to_numpy(zero_copy_only=False)
-    return found
+    return np.asarray(values.to_numpy(zero_copy_only=False))
 
 
 _CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d{1,9})?)?"

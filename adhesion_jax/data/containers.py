@@ -171,8 +171,7 @@ def _at(clock: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
     if np.array_equal(own, clock):
         return values
     if values.dtype.kind == "f":
-        found: np.ndarray = np.interp(clock, own, values, np.nan, np.nan)
-        return found
+        return np.asarray(np.interp(clock, own, values, np.nan, np.nan))
     place = np.searchsorted(own, clock, side="right") - 1
     there = (place >= 0) & (clock <= own[-1])
     is_number = values.dtype.kind in "biu"

@@ -124,8 +124,7 @@ def _products(
 
 def _correlation(sums: np.ndarray) -> np.ndarray:
     """The correlation at each lag of sums of products and squares, [3, lags]."""
-    both: np.ndarray = sums[0] / np.sqrt(np.maximum(sums[1] * sums[2], 1e-300))
-    return both
+    return np.asarray(sums[0] / np.sqrt(np.maximum(sums[1] * sums[2], 1e-300)))
 
 
 def _top(sums: np.ndarray, most: int) -> tuple[float, float]:
@@ -225,8 +224,7 @@ def _by_slip(grid: Grid, rolled: np.ndarray, rows: np.ndarray) -> tuple[Delay, f
 
     def solved(kept: list[int]) -> np.ndarray:
         sums = squares[kept].sum(axis=0), products[kept].sum(axis=0)
-        found: np.ndarray = np.linalg.lstsq(*sums, rcond=1e-10)[0] / size
-        return found
+        return np.asarray(np.linalg.lstsq(*sums, rcond=1e-10)[0] / size)
 
     every = list(range(len(blocks)))
     fit = solved(every)

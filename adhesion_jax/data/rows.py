@@ -293,8 +293,7 @@ def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.nd
     up = np.where(far, np.sign(steps), 0.0)
     here, there = np.append(0.0, up), np.append(-up, 0.0)  # by how it differs from either side
     first, last = np.append(True, ~within), np.append(~within, True)
-    found: np.ndarray = ((here * there > 0) | first | last) & ((here + there) * slip_mps > 0)
-    return found
+    return np.asarray(((here * there > 0) | first | last) & ((here + there) * slip_mps > 0))
 
 
 def _some(values: np.ndarray) -> np.ndarray:
@@ -317,8 +316,7 @@ def _outside(values: np.ndarray, quantity: str) -> np.ndarray:
             lower = max(lower, _LIFTED * size)
         else:
             lower, upper = min(lower, -_BEYOND * size), max(upper, _BEYOND * size)
-    found: np.ndarray = np.isfinite(values) & ((values < lower) | (values > upper))
-    return found
+    return np.asarray(np.isfinite(values) & ((values < lower) | (values > upper)))
 
 
 def _said(row: int, value: float, source: Taken) -> str:

@@ -93,8 +93,7 @@ def steps_in_runs(time: np.ndarray, series: np.ndarray) -> np.ndarray:
 
     `series` has the number of the run of each row.
     """
-    steps: np.ndarray = pd.Series(time).groupby(series).diff().to_numpy()
-    return steps
+    return np.asarray(pd.Series(time).groupby(series).diff().to_numpy())
 
 
 def going_on(time: np.ndarray, series: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
