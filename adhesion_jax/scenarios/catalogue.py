@@ -53,8 +53,8 @@ def single(
     form = form_of(truth)
     process = steady(form.rails, rail)
     known = told_of(told, truth, rail)
-    law = as_unknown(process.curve, known)
-    process = dataclasses.replace(process, law=law, conditions=form.conditions)
+    curve = as_unknown(process.curve, known)
+    process = dataclasses.replace(process, curve=curve, conditions=form.conditions)
     return Scenario(process, sweep, noise, Apart(sweep.points), known)
 
 
@@ -69,7 +69,7 @@ def he2018_blocks(
         )
     order = tuple(RAILS)
     names = tuple(order[3 * block // blocks] for block in range(blocks))
-    rails = RailProcess(names, tuple(RAILS[name] for name in names))
+    rails = RailProcess(names, of_many([RAILS[name] for name in names], (-1, 1)))
     return Scenario(rails, sweep, noise, Apart(sweep.points, blocks), HE2018)
 
 

@@ -65,22 +65,26 @@ class Course(eqx.Module):
     def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
         """The values of such a signal at the end of each block."""
 
-    @abstractmethod
     def seen(self) -> tuple[Mask, Mask]:
-        """The points that a block has, and those of them that no block before has."""
+        """The points that a block has, by default all, and those of them that none before has."""
+        every = self.blocks_of(jnp.ones(self.shape)) > 0
+        return every, every
 
     @abstractmethod
     def support(self, rails: Sequence[str]) -> np.ndarray:
         """The number of points that an estimate after each block can use, [blocks]."""
 
-    @abstractmethod
     def information(
         self, sensitivity: Slopes, mask: Mask, noise: Noise, rails: Sequence[str], path: Way | None
     ) -> Products:
         """J'J over those points, J made white as the noise is by `Noise.whitened`.
 
-        `path` are the parameters of a rail that drifts, at each point.
+        `path` are the parameters of a rail that drifts, at each point. By default a block has all
+        the points that an estimate after it can use.
         """
+        return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
+            sensitivity, mask
+        )
 
     @abstractmethod
     def tables(self, rails: Sequence[str]) -> Tables:
@@ -91,18 +95,7 @@ class Course(eqx.Module):
         """What is drawn over the blocks of a run."""
 
 
-class EachByItself(Course):
-    """Every block has all the points that an estimate after it can use."""
-
-    def information(
-        self, sensitivity: Slopes, mask: Mask, noise: Noise, rails: Sequence[str], path: Way | None
-    ) -> Products:
-        return jax.vmap(lambda j, seen: information_of(jnp.where(seen, noise.whitened(j), 0.0)))(
-            sensitivity, mask
-        )
-
-
-class Apart(EachByItself):
+class Apart(Course):
     """Blocks that have nothing in common: each is excited by itself, the rail constant in it."""
 
     points: int = eqx.field(static=True)
@@ -117,10 +110,6 @@ class Apart(EachByItself):
 
     def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
         return signal[:, -1]
-
-    def seen(self) -> tuple[Mask, Mask]:
-        every = jnp.ones(self.shape, dtype=bool)
-        return every, every
 
     def support(self, rails: Sequence[str]) -> np.ndarray:
         return np.full(self.blocks, self.points)
@@ -146,7 +135,7 @@ class Apart(EachByItself):
         return [Figure("tracking")] if self.blocks > 1 else []  # a single block has no course
 
 
-class Growing(EachByItself):
+class Growing(Course):
     """One sequence; a block is the sequence up to a length, so that blocks overlap."""
 
     lengths: tuple[int, ...] = eqx.field(static=True)
@@ -201,10 +190,6 @@ class Followed(Course):
 
     def ends(self, signal: Float[Array, "*shape"]) -> Float[Array, " blocks"]:
         return signal[REPORT - 1 :: REPORT]
-
-    def seen(self) -> tuple[Mask, Mask]:
-        every = jnp.ones((self.points // REPORT, REPORT), dtype=bool)
-        return every, every
 
     def support(self, rails: Sequence[str]) -> np.ndarray:
         lengths = np.diff([0, *switches(rails), len(rails)])

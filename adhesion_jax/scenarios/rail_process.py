@@ -17,37 +17,24 @@ C = TypeVar("C", bound=Curve)
 
 
 class RailProcess(eqx.Module):
-    """The law of the rail: one for all the run, or one for each block.
+    """The curve of the rail along a run.
 
-    The parameters of a curve are scalars, or one for each sample of a run. `names` are those of the
-    rail at the end of each block.
+    Its parameters are scalars or go with the signals of a run (`Course.shape`): one for each block
+    or for each sample. `names` are those of the rail at the end of each block.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    law: Curve | tuple[Curve, ...]
-    #: What the law needs, is the same in all runs, and nobody measures.
+    curve: Curve
+    #: What the curve needs, is the same in all runs, and nobody measures.
     conditions: Mapping[str, float] = eqx.field(default_factory=dict)
     #: Whether every sample has another curve.
     drifts: bool = eqx.field(default=False, static=True)
-
-    @property
-    def curve(self) -> Curve:
-        """The law; its parameters go with the signals of a run (`Course.shape`)."""
-        return of_many(self.law, (-1, 1)) if isinstance(self.law, tuple) else self.law
 
     def adhesion(
         self, slip: Float[Array, "*shape"], conditions: Conditions
     ) -> Float[Array, "*shape"]:
         """The true adhesion at each sample of a run."""
-        conditions = {**conditions, **self.conditions}
-        if isinstance(self.law, tuple):
-            of_block = [
-                {name: jnp.broadcast_to(x, slip.shape)[b] for name, x in conditions.items()}
-                for b in range(len(slip))
-            ]
-            parts = zip(self.law, slip, of_block, strict=True)
-            return jnp.stack([curve(own, measured) for curve, own, measured in parts])
-        return self.law(slip, conditions)
+        return self.curve(slip, {**conditions, **self.conditions})
 
     def derivatives(
         self, curve: Curve, slip: Float[Array, " points"], conditions: Conditions

@@ -1,13 +1,9 @@
-"""The settings of the parts of a loop: other ones, and the ranges in which some are tuned."""
+"""The ranges that the numbers of a method may have when it is tuned."""
 
-import dataclasses
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-
-P = TypeVar("P", bound=eqx.Module)
 
 
 class Range(NamedTuple):
@@ -22,8 +18,3 @@ class Range(NamedTuple):
         if self.log:
             return self.low * jnp.asarray(self.high / self.low) ** share
         return self.low + (self.high - self.low) * share
-
-
-def with_settings(part: P, **settings: Any) -> P:
-    """The part with these settings, and the others as they are."""
-    return dataclasses.replace(part, **settings)

@@ -14,13 +14,28 @@ from adhesion_jax.curves.kiencke import Kiencke
 from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.plugins import object_of
 from adhesion_jax.records import Known
-from adhesion_jax.traction.box import Range, with_settings
-from adhesion_jax.traction.controllers import CONTROLLERS, Controller
-from adhesion_jax.traction.observers import OBSERVERS, Observer
+from adhesion_jax.traction.box import Range
+from adhesion_jax.traction.controllers import Controller
+from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
+from adhesion_jax.traction.controllers.anticipating import Anticipating
+from adhesion_jax.traction.controllers.linearised import Barrier
+from adhesion_jax.traction.controllers.readhesion import DifferentialAcceleration
+from adhesion_jax.traction.controllers.torque_feedback import SlopeFeedback
+from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
-from adhesion_jax.traction.seekers import SEEKERS, Seeker
+from adhesion_jax.traction.observers.sliding_modes import SuperTwisting
+from adhesion_jax.traction.seekers import Seeker
+from adhesion_jax.traction.seekers.climbing import (
+    PerturbAndObserve,
+    PrintedGradient,
+    RepairedGradient,
+    SlidingExtremum,
+)
+from adhesion_jax.traction.seekers.given import ConstantSlip, TrueOptimum
 from adhesion_jax.traction.seekers.identified import Identified
 from adhesion_jax.traction.seekers.of_numpy import seeker_of_numpy
+from adhesion_jax.traction.seekers.offset_curve import OffsetCurve
+from adhesion_jax.traction.seekers.robust_curve import RobustCurve
 from adhesion_jax.traction.seekers.slewed import Slewed
 
 
@@ -59,6 +74,7 @@ def configured(entrant: Entrant, unit: Float[Array, " numbers"]) -> Entrant:
 
 #: The slip at which all begin, and its bounds, m/s.
 _START, _LOWEST, _HIGHEST = 0.1, 0.01, 0.6
+_BOUNDS = {"start": _START, "lowest": _LOWEST, "highest": _HIGHEST}
 
 #: The highest slip that any may have: beyond a second maximum, m/s.
 _FURTHEST = 1.5
@@ -68,7 +84,7 @@ _OBSERVER = FullDimension(-500.0)
 
 def sought(seeker: Seeker) -> Entrant:
     """A seeker under the terms that all share: start, slew limit, controller and observer."""
-    return Entrant(_slewed(seeker), CONTROLLERS["barrier"], _OBSERVER)
+    return Entrant(_slewed(seeker), Barrier(), _OBSERVER)
 
 
 def _slewed(seeker: Seeker) -> Slewed:
@@ -125,16 +141,13 @@ _SLOPE = {"known.curve.a0": Range(1.0, 15.0, log=True)}
 
 #: By name; the numbers are those before any tuning.
 ENTRANTS: Mapping[str, Entrant] = {
-    "true-optimum": sought(SEEKERS["true-optimum"]),
-    "constant-slip": sought(SEEKERS["constant-slip"]),
-    **{
-        name: sought(with_settings(SEEKERS[name], start=_START, lowest=_LOWEST, highest=_HIGHEST))
-        for name in ("perturb-and-observe", "gradient", "sliding-extremum")
-    },
-    "offset-curve": sought(SEEKERS["offset-curve"]),
-    "robust-curve": Entrant(
-        _slewed(SEEKERS["robust-curve"]), CONTROLLERS["anticipating"], _OBSERVER
-    ),
+    "true-optimum": sought(TrueOptimum()),
+    "constant-slip": sought(ConstantSlip(_START)),
+    "perturb-and-observe": sought(PerturbAndObserve(**_BOUNDS)),
+    "gradient": sought(RepairedGradient(**_BOUNDS)),
+    "sliding-extremum": sought(SlidingExtremum(**_BOUNDS)),
+    "offset-curve": sought(OffsetCurve()),
+    "robust-curve": Entrant(_slewed(RobustCurve(OffsetCurve())), Anticipating(), _OBSERVER),
     "varpro": _by("varpro-forgetting", _BURCKHARDT, 1e-3, 10, _FACTOR),
     "varpro-offset": _by("varpro-forgetting-offset", _BURCKHARDT, 1e-3, 10, _FACTOR),
     "bank-kiencke": _by("bank-kiencke", _KIENCKE, 0.01, 1, _SLOPE),
@@ -144,16 +157,12 @@ ENTRANTS: Mapping[str, Entrant] = {
     "ml-pooled": _by("ml-pooled", _BURCKHARDT, 0.01, 5, _LEVEL),
     "kiencke-free": _by("kiencke-free", _KIENCKE_FREE, 0.01, 1, _SHORTER),
     "ekf": _by("ekf", _BURCKHARDT, 0.01, 1, _SPREAD),
-    "differential-acceleration": Entrant(None, CONTROLLERS["differential-acceleration"], _OBSERVER),
-    "slope-feedback": Entrant(None, CONTROLLERS["slope-feedback"], _OBSERVER),
+    "differential-acceleration": Entrant(None, DifferentialAcceleration(), _OBSERVER),
+    "slope-feedback": Entrant(None, SlopeFeedback(), _OBSERVER),
     "adaptive-robust": Entrant(
-        _slewed(
-            with_settings(
-                SEEKERS["gradient-uyulan2018"], threshold=1e-2, switch=jnp.inf, start=_START
-            )
-        ),
-        CONTROLLERS["adaptive-robust"],
-        OBSERVERS["super-twisting"],
+        _slewed(PrintedGradient(threshold=1e-2, switch=jnp.inf, start=_START)),
+        AdaptiveRobust(),
+        SuperTwisting(),
     ),
 }
 

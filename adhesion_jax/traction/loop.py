@@ -18,6 +18,7 @@ from adhesion_jax.metrics.closed_loop import Sample, Totals
 from adhesion_jax.programs import kept
 from adhesion_jax.traction.controllers import Controller
 from adhesion_jax.traction.driver import BRAKING, DONE, Driver, lowered
+from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.integration import RK4_STABLE, jacobian, rk4
 from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.plants.base import Held, Plant, held_by, limited
@@ -34,23 +35,32 @@ SAMPLE = 1e-3
 DIPS, DIP = 1.0, 0.2
 
 
-class Loop(eqx.Module):
+class Terms(eqx.Module):
+    """All of a loop but the rails and the method."""
+
+    plant: Plant
+    driver: Driver
+    sensors: Sensors
+    train_speed: Float[Array, ""]  # at first, m/s
+    slip: PerAxle  # at first, m/s
+    slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
+
+    def loop(self, method: Entrant, rails: Rails) -> "Loop":
+        """The loop of a method on some rails; its control knows the plant exactly."""
+        return Loop(**vars(self), nominal=self.plant, rails=rails, **method._asdict())
+
+
+class Loop(Terms):
     """All that a run is made of; `nominal` is the plant as control knows it.
 
     Numbers among its fields may differ from run to run without a new compilation.
     """
 
-    plant: Plant
     nominal: Plant
     rails: Rails
-    driver: Driver
-    sensors: Sensors
     observer: Observer
     seeker: Seeker | None
     controller: Controller
-    train_speed: Float[Array, ""]  # at first, m/s
-    slip: PerAxle  # at first, m/s
-    slope: Float[Array, ""]  # of the track, as an angle in rad; positive uphill
     dip: Float[Array, ""] | float = 0.0  # share of its power that the drive lacks in a dip
 
 

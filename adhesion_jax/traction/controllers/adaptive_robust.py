@@ -22,11 +22,11 @@ class AdaptiveRobust(Controller):
     would grow for ever by the chattering. p and q are not printed.
     """
 
-    gain: Setting  # k0, N s
-    adaptation: Setting  # sigma
-    linear: Setting  # p, s/m
-    square: Setting  # q, s^2/m^2
-    layer: Setting  # m/s
+    gain: Setting = 12500.0  # k0, N s
+    adaptation: Setting = 19.0  # sigma
+    linear: Setting = 0.0154  # p, s/m
+    square: Setting = 0.00467  # q, s^2/m^2
+    layer: Setting = 0.05  # m/s
 
     BOX: ClassVar = {
         "gain": Range(1e4, 1e6, log=True),

@@ -46,9 +46,9 @@ class Anticipating(Controller):
     would damp them drives them where it is late.
     """
 
-    gain: Setting  # 1/s
-    share: Setting  # of the delay, in 1
-    least: Setting  # torque, as a share of the largest
+    gain: Setting = 100.0  # 1/s
+    share: Setting = 1.5  # of the delay, in 1
+    least: Setting = -0.3  # torque, as a share of the largest
 
     BOX: ClassVar = {"gain": Range(20.0, 150.0, log=True), "share": Range(0.3, 2.0, log=True)}
 

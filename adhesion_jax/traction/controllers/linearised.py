@@ -21,10 +21,10 @@ class Barrier(Controller):
     Transport. 2019, 6270515.
     """
 
-    gain: Setting  # k, 1/s
-    below: Setting  # ka, m/s
-    above: Setting  # kb, m/s
-    least: Setting  # torque, as a share of the largest
+    gain: Setting = 20.0  # k, 1/s
+    below: Setting = 0.1  # ka, m/s
+    above: Setting = 0.3  # kb, m/s
+    least: Setting = -0.3  # torque, as a share of the largest
 
     BOX: ClassVar = {"gain": Range(10.0, 120.0, log=True)}
 
@@ -42,9 +42,9 @@ class Barrier(Controller):
 class SlidingMode(Controller):
     """T = T_L + (i J/r)(dV + dv*) - gain sat(z/layer), z = v_s - v*; a layer of 0 is the sign."""
 
-    gain: Setting  # N m
-    layer: Setting  # m/s
-    least: Setting  # torque, as a share of the largest
+    gain: Setting = 1500.0  # N m
+    layer: Setting = 0.0  # m/s
+    least: Setting = -0.3  # torque, as a share of the largest
 
     BOX: ClassVar = {
         "gain": Range(300.0, 6000.0, log=True),
@@ -67,9 +67,9 @@ class LinearisedPI(Controller):
     The integral stands still while the torque would leave [least, 1] of the largest.
     """
 
-    gain: Setting  # k, 1/s
-    integral_gain: Setting  # k_i, 1/s^2
-    least: Setting  # torque, as a share of the largest
+    gain: Setting = 20.0  # k, 1/s
+    integral_gain: Setting = 20.0  # k_i, 1/s^2
+    least: Setting = -0.2  # torque, as a share of the largest
 
     BOX: ClassVar = {
         "gain": Range(5.0, 120.0, log=True),

@@ -39,11 +39,11 @@ class Threshold(Controller):
 
     FOLLOWS = False
 
-    difference: Setting  # m/s
-    creepage: Setting
-    released: Setting
-    unloading: Setting  # shares of the largest torque in a second
-    ramp: Setting  # N m/s
+    difference: Setting = 0.8  # m/s
+    creepage: Setting = 0.05
+    released: Setting = 0.3
+    unloading: Setting = 4.0  # shares of the largest torque in a second
+    ramp: Setting = 1600.0  # N m/s
 
     def init(self, nominal: Plant, signals: Signals) -> ThresholdState:
         none = jnp.zeros_like(signals.slip)
@@ -83,16 +83,16 @@ class DifferentialAcceleration(Controller):
 
     FOLLOWS = False
 
-    ramp: Setting  # N m/s
-    trip: Setting  # m/s^2
-    released: Setting  # m/s^2
-    calm: Setting  # m/s^2
-    unloading: Setting  # shares of the largest torque in a second
-    hold: Setting  # s
-    haste: Setting
-    back: Setting
-    least: Setting  # torque, as a share of the largest
-    filter_time: Setting  # s
+    ramp: Setting = 12e3  # N m/s
+    trip: Setting = 1.0  # m/s^2
+    released: Setting = 0.3  # m/s^2
+    calm: Setting = 0.2  # m/s^2
+    unloading: Setting = 6.0  # shares of the largest torque in a second
+    hold: Setting = 0.1  # s
+    haste: Setting = 3.0
+    back: Setting = 0.85
+    least: Setting = -0.15  # torque, as a share of the largest
+    filter_time: Setting = 0.01  # s
 
     BOX: ClassVar = {
         "ramp": Range(4e3, 6e4, log=True),

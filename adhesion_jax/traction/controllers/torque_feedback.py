@@ -30,12 +30,12 @@ class SlopeFeedback(Controller):
 
     FOLLOWS = False
 
-    slope_gain: Setting  # K1, N m^2/s
-    adhesion_gain: Setting  # K2, N m
-    gamma: Setting  # s^4/m^2
-    first_p: Setting
-    first_slope: Setting  # s/m; at 0 a train at rest never starts
-    filter_time: Setting  # s
+    slope_gain: Setting = 19000.0  # K1, N m^2/s
+    adhesion_gain: Setting = 18000.0  # K2, N m
+    gamma: Setting = 10.0  # s^4/m^2
+    first_p: Setting = 10.0
+    first_slope: Setting = 0.3  # s/m; at 0 a train at rest never starts
+    filter_time: Setting = 0.05  # s
 
     BOX: ClassVar = {
         "slope_gain": Range(300.0, 6e4, log=True),
@@ -78,10 +78,10 @@ class RateFeedback(Controller):
 
     FOLLOWS = False
 
-    rate_gain: Setting  # K1, N m s
-    adhesion_gain: Setting  # K2, N m
-    filter_time: Setting  # s
-    engaged: Setting  # m/s
+    rate_gain: Setting = 19000.0  # K1, N m s
+    adhesion_gain: Setting = 18000.0  # K2, N m
+    filter_time: Setting = 0.05  # s
+    engaged: Setting = 30 / 3.6  # m/s
     open_loop: Setting = 0.0  # C, N m
 
     def init(self, nominal: Plant, signals: Signals) -> RateFeedbackState:

@@ -25,7 +25,7 @@ class FullDimension(Observer):
     passes the same filter. After Fang et al. 2018, Eq. 7 and 8.
     """
 
-    pole: Setting
+    pole: Setting = -233.0
 
     BOX: ClassVar = {"pole": Range(-150.0, -1000.0, log=True)}
 

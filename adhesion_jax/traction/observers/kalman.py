@@ -34,10 +34,10 @@ class Kalman(Observer):
     minus the slip would be observed as that load by a motor with J = 1.
     """
 
-    motor_noise: Setting
-    train_noise: Setting
-    load_walk: Setting
-    period: Setting
+    motor_noise: Setting = 0.02
+    train_noise: Setting = 5e-3
+    load_walk: Setting = 5e3
+    period: Setting = 1e-3
 
     BOX: ClassVar = {"load_walk": Range(1e3, 1e5, log=True)}
 

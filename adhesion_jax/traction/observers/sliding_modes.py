@@ -27,7 +27,7 @@ class SuperTwisting(Observer):
     Automatica 34.
     """
 
-    gain: Setting
+    gain: Setting = 400.0
 
     BOX: ClassVar = {"gain": Range(30.0, 3000.0, log=True)}
 
@@ -72,9 +72,9 @@ class TerminalSliding(Observer):
     "Optimal Utilization of Adhesion Force ...", J. Adv. Transport. 2019, 6270515, Eq. 20.
     """
 
-    surface_gain: Setting  # lambda, of e
-    rate_gain: Setting  # beta
-    switching_gain: Setting  # K, rad/s^3
+    surface_gain: Setting = 100.0  # lambda, of e
+    rate_gain: Setting = 50.0  # beta
+    switching_gain: Setting = 4e4  # K, rad/s^3
 
     BOX: ClassVar = {"switching_gain": Range(1e4, 2e5, log=True)}
 

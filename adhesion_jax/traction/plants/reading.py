@@ -124,7 +124,8 @@ def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
         )
     for key in {*table} - {*_KEYS}:
         raise InputError(f"{path}: parameter {name} has {key}; allowed are {', '.join(_KEYS)}.")
-    into = _conversion(str(table["unit"]), quantity.unit)
+    unit, own = str(table["unit"]), quantity.unit
+    into = Conversion(1.0, 0.0) if unit == own else conversion(unit, own)  # exact where it is one
     if into is None:
         raise InputError(
             f"{path}: parameter {name} is given in {table['unit']!r}, which is no unit of it; "
@@ -146,11 +147,6 @@ def _given(path: Path, name: str, table: object, quantity: Quantity) -> Given:
     if tag and tag not in TAGS:
         raise InputError(f"{path}: parameter {name} has the tag {tag}; use {', '.join(TAGS)}.")
     return Given(tuple(map(float, values)), quantity.unit, tag, source)
-
-
-def _conversion(unit: str, wanted: str) -> Conversion | None:
-    """From a unit to that of the parameter, exact where they are one."""
-    return Conversion(1.0, 0.0) if unit == wanted else conversion(unit, wanted)
 
 
 def _plant(path: Path, kind: type[Plant], given: Mapping[str, Given]) -> Plant:

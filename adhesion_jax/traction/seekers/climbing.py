@@ -27,11 +27,11 @@ class PerturbAndObserve(Seeker):
     Power Electron. 20:963-973.
     """
 
-    step: Setting  # m/s
-    window: Setting  # s
-    start: Setting  # m/s
-    lowest: Setting  # m/s
-    highest: Setting  # m/s
+    step: Setting = 0.006  # m/s
+    window: Setting = 0.05  # s
+    start: Setting = 0.1  # m/s
+    lowest: Setting = 0.01  # m/s
+    highest: Setting = 0.6  # m/s
 
     BOX: ClassVar = {"step": Range(2e-3, 0.02, log=True), "window": Range(0.02, 0.15, log=True)}
 
@@ -71,13 +71,13 @@ class SlidingExtremum(Seeker):
     Transport. 2019, 6270515.
     """
 
-    speed: Setting  # k, m/s^2
-    rise: Setting  # rho, 1/s
-    width: Setting  # beta, of adhesion
-    start: Setting  # v*(0), m/s
-    lowest: Setting  # m/s
-    highest: Setting  # m/s
-    tracker: Setting  # rad/s
+    speed: Setting = 0.4  # k, m/s^2
+    rise: Setting = 0.5  # rho, 1/s
+    width: Setting = 0.08  # beta, of adhesion
+    start: Setting = 0.01  # v*(0), m/s
+    lowest: Setting = 0.005  # m/s
+    highest: Setting = 0.6  # m/s
+    tracker: Setting = 60.0  # rad/s
 
     BOX: ClassVar = {
         "speed": Range(0.05, 1.0, log=True),
@@ -125,12 +125,12 @@ class PrintedGradient(Seeker):
     observer.
     """
 
-    gamma: Setting  # m^2/s^2 per unit of adhesion
-    threshold: Setting  # eps, m/s^2
-    switch: Setting  # s
-    start: Setting  # m/s
-    gain: Setting  # L, rad/s^3
-    limit: Setting  # of G, s/m
+    gamma: Setting = 0.65  # m^2/s^2 per unit of adhesion
+    threshold: Setting = 1e-4  # eps, m/s^2
+    switch: Setting = 10.0  # s
+    start: Setting = 1.20986  # m/s
+    gain: Setting = 400.0  # L, rad/s^3
+    limit: Setting = 1.0  # of G, s/m
 
     BOX: ClassVar = {
         "gamma": Range(0.05, 5.0, log=True),
@@ -181,12 +181,12 @@ class RepairedGradient(Seeker):
     slip rests. Slip and adhesion have the same lag.
     """
 
-    gamma: Setting  # m^2/s^2
-    memory: Setting  # s
-    limit: Setting  # of G, s/m
-    start: Setting  # m/s
-    lowest: Setting  # m/s
-    highest: Setting  # m/s
+    gamma: Setting = 0.05  # m^2/s^2
+    memory: Setting = 0.3  # s
+    limit: Setting = 20.0  # of G, s/m
+    start: Setting = 0.05  # m/s
+    lowest: Setting = 0.005  # m/s
+    highest: Setting = 2.0  # m/s
 
     BOX: ClassVar = {
         "gamma": Range(0.005, 0.5, log=True),

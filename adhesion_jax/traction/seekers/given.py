@@ -14,7 +14,7 @@ from adhesion_jax.traction.signals import Reference, Setting, Signals
 class ConstantSlip(Seeker):
     """v* = slip, in m/s, with the sign of the driver's demand."""
 
-    slip: Setting
+    slip: Setting = 0.1
 
     BOX: ClassVar = {"slip": Range(0.03, 0.3, log=True)}
 

@@ -116,11 +116,11 @@ class OffsetCurve(Seeker):
     Numer. Anal. 10:413-432.
     """
 
-    price: Setting  # of a joule lost in the contact, in joules of useful work
-    memory: Setting  # s
-    threshold: Setting  # of adhesion
-    dither: Setting  # largest, as a share of v*
-    start: Setting  # m/s
+    price: Setting = 1.0  # of a joule lost in the contact, in joules of useful work
+    memory: Setting = 0.6  # s
+    threshold: Setting = 0.007  # of adhesion
+    dither: Setting = 0.06  # largest, as a share of v*
+    start: Setting = 0.1  # m/s
 
     BOX: ClassVar = {
         "memory": Range(0.2, 1.0, log=True),

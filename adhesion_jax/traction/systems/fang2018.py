@@ -2,12 +2,11 @@
 
 import jax.numpy as jnp
 
-from adhesion_jax.traction.box import with_settings
-from adhesion_jax.traction.controllers import CONTROLLERS, Controller
+from adhesion_jax.traction.controllers import Controller
+from adhesion_jax.traction.controllers.torque_feedback import RateFeedback, SlopeFeedback
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import BySpeed, stacked
-from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.surface import RailSurface, with_peak
 from adhesion_jax.traction.systems.base import Case, System, papers
 
@@ -46,16 +45,11 @@ def roads(second_kmh: float = 5.5) -> BySpeed:
 
 def _slope(gain: float) -> Controller:
     """Eq. 9 with K1 as printed; gamma, P(0), beta(0) and the filter are assumed."""
-    return with_settings(CONTROLLERS["slope-feedback"], adhesion_gain=gain)
+    return SlopeFeedback(adhesion_gain=gain)
 
 
 def _rate(rate_gain: float, gain: float, engaged_kmh: float = 30.0) -> Controller:
-    return with_settings(
-        CONTROLLERS["rate-feedback"],
-        rate_gain=rate_gain,
-        adhesion_gain=gain,
-        engaged=engaged_kmh * _KMH,
-    )
+    return RateFeedback(rate_gain=rate_gain, adhesion_gain=gain, engaged=engaged_kmh * _KMH)
 
 
 _METHODS = (
@@ -85,12 +79,8 @@ SYSTEM = System(
     **papers("fang2018"),
     plant="fang2018",
     step=2e-4,
-    control_period=1e-3,
     duration=300.0,
     train_speed=0.0,
-    slip=0.0,
-    slope=0.0,
     driver=Driver(traction=1590.0, until=130 * _KMH, braking=1590.0, down_to=25 * _KMH),
-    noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
 )

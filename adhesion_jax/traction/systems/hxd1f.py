@@ -7,7 +7,6 @@ from adhesion_jax.traction.observers import OBSERVERS
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS
-from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.surface import exponential
 from adhesion_jax.traction.systems.base import Case, System, papers
 
@@ -27,7 +26,7 @@ STARTS = (0.0, 5.0, 10.0)
 _TERMINAL = OBSERVERS["terminal-sliding"]
 _EXTREMUM, _TRUE = SEEKERS["sliding-extremum"], SEEKERS["true-optimum"]
 _BARRIER, _SLIDING = CONTROLLERS["barrier"], CONTROLLERS["sliding-mode"]
-_THIN_LAYER = SlidingMode(gain=1500.0, layer=0.02, least=-0.3)
+_THIN_LAYER = SlidingMode(layer=0.02)
 
 #: The name of the paper's own method.
 SMES = "SMES, NTSMO, ABLF"
@@ -55,12 +54,8 @@ SYSTEM = System(
     **papers("hxd1f"),
     plant="hxd1f",
     step=1e-4,
-    control_period=1e-3,
     duration=15.0,
     train_speed=5.0,
-    slip=0.0,
-    slope=0.0,
     driver=Driver(traction=13e3),
-    noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
 )

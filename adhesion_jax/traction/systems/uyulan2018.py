@@ -12,7 +12,6 @@ from adhesion_jax.traction.plants.base import GRAVITY
 from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
-from adhesion_jax.traction.sensors import SpeedNoise
 from adhesion_jax.traction.surface import exponential
 from adhesion_jax.traction.systems.base import Case, System, papers
 
@@ -96,6 +95,5 @@ SYSTEM = System(
     slip=50 * 0.31 - 10.5,
     slope=math.radians(6.5),
     driver=Driver(traction=17.67e3),
-    noise=SpeedNoise(motor=0.02, train=5e-3),
     cases=_cases,
 )
