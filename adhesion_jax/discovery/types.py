@@ -29,7 +29,7 @@ class Errors(NamedTuple):
 class FoundEffect(NamedTuple):
     """One cause that the law lacked, or a structure without a known cause."""
 
-    name: str  # the most likely: a name of EFFECTS, or covariate:, periodic:, product: of a column
+    name: str  # the most likely: a name of EFFECTS, or covariate:, product: of columns
     candidates: tuple[str, ...]  # names that the data cannot tell from it, the most likely first
     covariates: tuple[str, ...]  # the columns it rests on
     formula: str  # e.g. "mu (1 - k kappa)"
