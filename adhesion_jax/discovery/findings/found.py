@@ -91,7 +91,7 @@ def _shaped_as_fitted(fitted: Fitted, slot: int) -> Fitted:
     about its strength for the shape that it has (Davies 1987, Biometrika 74, 33-43).
     """
     own = effect_places(slot, fitted.effects[slot]).values()
-    held = {*own} - {*strengths_of(fitted, [slot])}
+    held = {*own} - {*strengths_of(fitted, slot)}
     free = [at for at, place in enumerate(fitted.places) if place not in held]
     return fitted._replace(
         places=tuple(fitted.places[at] for at in free),
@@ -102,7 +102,7 @@ def _shaped_as_fitted(fitted: Fitted, slot: int) -> Fitted:
 
 def _held_back(fitted: Fitted, slot: int) -> float:
     """What an effect would gain if its strengths were free of their ranges, to second order."""
-    at = [fitted.places.index(place) for place in strengths_of(fitted, [slot])]
+    at = [fitted.places.index(place) for place in strengths_of(fitted, slot)]
     pull = fitted.gradient.sum(0)[at]
     spread = solve(fitted.hessian.sum(0), np.eye(len(fitted.places)))[np.ix_(at, at)]
     return 0.5 * float(pull @ spread @ pull)

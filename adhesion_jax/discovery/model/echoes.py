@@ -52,7 +52,7 @@ def echoes(fitted: Fitted) -> Mapping[str, str]:
                     f"{column} repeats the {name} row by row, noise and all: one was probably "
                     "computed from the other, so that it is no cause of it. It is left out."
                 )
-    if "normal_load_N" in problem.varying and _moved_by(fitted, load, adhesion * load):
+    if "normal_load_N" in problem.flat and _moved_by(fitted, load, adhesion * load):
         found["normal_load_N"] = (
             "The load rises and falls with the force within the runs, as the pull moves weight "
             "from axle to axle: it is no cause of the adhesion. It is left out."

@@ -280,15 +280,11 @@ def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     return tuple(sorted(effects, key=lambda effect: effect.ORDER))
 
 
-def strengths_of(fitted: Fitted, slots: Sequence[int]) -> list[int]:
-    """The places in `values` of the strengths of the effects in those places."""
-    return [
-        place
-        for slot, effect in enumerate(fitted.effects)
-        if slot in slots
-        for name, place in effect_places(slot, effect).items()
-        if name in effect.FACTS.strengths
-    ]
+def strengths_of(fitted: Fitted, slot: int) -> list[int]:
+    """The places in `values` of the strengths of the effect in that place."""
+    effect = fitted.effects[slot]
+    places = effect_places(slot, effect)
+    return [place for name, place in places.items() if name in effect.FACTS.strengths]
 
 
 def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -54,7 +54,6 @@ class Problem(NamedTuple):
     calendar: Calendar
     columns: tuple[str, ...]  # of Data.columns
     flat: Mapping[str, np.ndarray]  # every condition that varies, at the points there are
-    varying: frozenset[str]
     constant: frozenset[str]
     blocks: bool  # whether the runs are contiguous blocks of one run, without levels of their own
     in_time: bool  # whether the order of the points of a run is that of time
@@ -127,7 +126,6 @@ def prepare(
         calendar,
         columns,
         flat,
-        frozenset(flat),
         frozenset(constant),
         blocks,
         "time_s" in record.conditions and bool(inside.sum(1).max() > 2),

@@ -170,11 +170,11 @@ def why_untested(name: str, problem: Problem) -> str:
         return NO_TIME
     needs = [need for need in effect.FACTS.needs if need != "time_s"]
     for need in needs:
-        if need != "mode" and need not in problem.varying and need not in problem.constant:
+        if need != "mode" and need not in problem.flat and need not in problem.constant:
             return f"needs the column {need}, which is absent"
     if not needs and "slip_ratio" in problem.constant:
         return "needs the slip to vary, which is constant"
-    varies = not needs or any(need in problem.varying for need in needs)
+    varies = not needs or any(need in problem.flat for need in needs)
     if not varies and "slip_ratio" not in effect.FACTS.rests_on:
         constant = next((need for need in needs if need in problem.constant), needs[0])
         return f"needs the column {constant} to vary, which is constant"

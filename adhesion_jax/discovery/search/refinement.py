@@ -106,7 +106,7 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
             for start in Interaction.starts(flat)
             for acts_on in ACTS_ON
         ]
-    if of_slip_velocity and "vehicle_speed_mps" not in problem.varying:
+    if of_slip_velocity and "vehicle_speed_mps" not in problem.flat:
         # At a constant speed the effect is a function of slip alone; an offset of the slip may then
         # be what its form lacks.
         starts = SlipBias.starts({})

@@ -50,7 +50,7 @@ def waves(null: Null, taken: Sequence[str], seed: int) -> list[Score]:
         null.residual * (null.fitted.setting.root * null.fitted.adhesion)[null.inside]
     )
     found = []
-    for place, axis in enumerate(sorted(axes.keys() & problem.varying)):
+    for place, axis in enumerate(sorted(axes.keys() & problem.flat.keys())):
         name, kind = axes[axis]
         if name in taken:
             continue

@@ -1,6 +1,6 @@
 """Forward selection: effects are accepted one at a time, each refitted with all the others."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 
 import numpy as np
 
@@ -219,7 +219,7 @@ def _next(
 
 def _with_effect(state: Selection, new: Accepted, ranking: Sequence[Candidate]) -> Selection:
     """The state with the chosen effect, as a refinement of the first one whose form it mends."""
-    varying = state.setting.problem.varying
+    varying = state.setting.problem.flat.keys()
     mended = (
         number
         for number, effect in enumerate(state.accepted)
@@ -235,7 +235,7 @@ def _with_effect(state: Selection, new: Accepted, ranking: Sequence[Candidate]) 
     return settled(state, accepted)._replace(ranking=tuple(ranking))
 
 
-def _matter_of_form(new: Accepted, old: Accepted, varying: frozenset[str]) -> bool:
+def _matter_of_form(new: Accepted, old: Accepted, varying: Set[str]) -> bool:
     """Whether a new effect only mends the formula of an earlier one.
 
     So it does if both are functions of the slip alone, if it is a plain column that the earlier one
