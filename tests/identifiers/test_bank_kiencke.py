@@ -101,14 +101,20 @@ def test_the_weight_of_a_member_is_its_evidence():
     h = rng.normal(size=(points, 2))
     y = h @ (x0 + scale * np.linalg.cholesky(p0) @ rng.normal(size=2))
     y = y + scale * rng.normal(size=points)
+
+    @jax.jit
+    def updated(members, h, y):
+        error = y - h[0] * members.x.a - h[1] * members.x.b
+        g = Vector(h[0] * one, h[1] * one)
+        return method._updated(KNOWN, members, error, g, jnp.asarray(scale))[0]
+
+    moved = jax.jit(lambda members: method._moved(KNOWN, members, jnp.asarray(scale)))
     members, past = start, []
     for k in range(points):
         if k:
             past.append(members.of_x)
-            members = method._moved(KNOWN, members, jnp.asarray(scale))
-        g = Vector(h[k, 0] * one, h[k, 1] * one)
-        error = y[k] - h[k, 0] * members.x.a - h[k, 1] * members.x.b
-        members, _ = method._updated(KNOWN, members, error, g, jnp.asarray(scale))
+            members = moved(members)
+        members = updated(members, h[k], y[k])
 
     evidence = []
     for i, factor in enumerate(factors):
@@ -146,15 +152,16 @@ def test_a_member_with_a_trend_moves_by_the_derivatives_of_its_peak():
         across=Square(*(jnp.asarray([v]) for v in p[:2, 2:].ravel())),
         of_slope=Symmetric(*(jnp.asarray([v]) for v in (p[2, 2], p[2, 3], p[3, 3]))),
     )
-    after = method._moved(KNOWN, members, jnp.asarray(1.0))
+    after = jax.jit(lambda members: method._moved(KNOWN, members, jnp.asarray(1.0)))(members)
 
+    @jax.jit
     def moved(state):
         peak, one_over_slip = peak_of(KNOWN, Vector(state[0], state[1]))
         there = x_of(KNOWN, peak + state[2], one_over_slip * jnp.exp(state[3]))
         return jnp.stack([there.a, there.b, state[2], state[3]])
 
     state = jnp.asarray([*x, *slope])
-    f = np.asarray(jax.jacfwd(moved)(state))
+    f = np.asarray(jax.jit(jax.jacfwd(moved))(state))
     expected = f @ p @ f.T / 0.97
     np.testing.assert_allclose([after.x.a[0], after.x.b[0]], moved(state)[:2], rtol=1e-12)
     np.testing.assert_allclose(full(after.of_x, 0), expected[:2, :2], rtol=1e-9)

@@ -37,15 +37,24 @@ def record_of(points, seen, seed=0):
     return Record(jnp.asarray(slip), jnp.asarray(adhesion), mask, mask, {})
 
 
+columns_of = jax.jit(jax.vmap(features))
+_flat_members = jax.jit(lambda record: members(summed(record)))
+
+
+def members_of(record):
+    """By memory, size and steepness."""
+    shape = (len(MEMORIES), len(SIZES), len(STEEP))
+    return jax.tree.map(lambda x: np.asarray(x).reshape(shape), _flat_members(record))
+
+
 @pytest.mark.parametrize("seen", [30, 75, 120])
 def test_each_member_is_its_regression_with_the_covariance_written_out(seen):
     """A block of 120 points of which these many are there, as one that grows has."""
     record = record_of(120, seen)
-    shape = (len(MEMORIES), len(SIZES), len(STEEP))
-    found = jax.tree.map(lambda x: np.asarray(x).reshape(shape), members(summed(record)))
+    found = members_of(record)
     slip, adhesion = (np.asarray(x)[:seen] for x in record[:2])
     size, y = np.abs(slip), np.sign(slip) * adhesion
-    all_columns = np.asarray(jax.vmap(features)(jnp.asarray(size)))
+    all_columns = np.asarray(columns_of(size))
     apart = np.abs(np.subtract.outer(np.arange(seen), np.arange(seen)))
     evidence, expected = [], []
     for at in [(0, 0, 7), (0, 2, 7), (3, 1, 3), (4, 4, 12), (5, 5, 19), (2, 3, 0)]:
@@ -71,17 +80,17 @@ def test_each_member_is_its_regression_with_the_covariance_written_out(seen):
 
 def test_the_peak_of_a_member_is_that_of_its_mean_curve_with_the_variance_there():
     record = record_of(120, 120)
-    shape = (len(MEMORIES), len(SIZES), len(STEEP))
-    found = jax.tree.map(lambda x: np.asarray(x).reshape(shape), members(summed(record)))
-    size, y = np.abs(record.slip), np.sign(record.slip) * record.adhesion
+    found = members_of(record)
+    slip, adhesion = map(np.asarray, record[:2])
+    size, y = np.abs(slip), np.sign(slip) * adhesion
     at = (0, 3, 7)
     own = np.r_[7, len(STEEP) : len(STEEP) + 1 + FUNCTIONS]
-    x = np.asarray(jax.vmap(features)(size))[:, own]
+    x = np.asarray(columns_of(size))[:, own]
     prior = np.r_[2 * [WIDE**-2], FUNCTIONS * [SIZES[3] ** -2]]
     inverse = np.linalg.inv(x.T @ x + np.diag(prior))
     fine = np.linspace(0.0, float(size.max()), 4001)
-    columns = np.asarray(jax.vmap(features)(jnp.asarray(fine)))[:, own]
-    curve = columns @ inverse @ x.T @ np.asarray(y)
+    columns = np.asarray(columns_of(fine))[:, own]
+    curve = columns @ inverse @ x.T @ y
     best = int(np.argmax(curve))
     assert found.peak[at] == pytest.approx(curve[best], rel=1e-4)
     assert found.slip[at] == pytest.approx(fine[best], abs=0.003)

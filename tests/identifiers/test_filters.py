@@ -42,7 +42,7 @@ PLAIN = {"huber": 1e9, "adaptation": 0.0, "walk": 3e-3}
 KALMAN = {"ekf": ExtendedKalmanFilter(**PLAIN), "ukf": UnscentedKalmanFilter(**PLAIN)}
 
 
-def by_the_textbook(name, belief, curve, measured, variance):
+def by_the_textbook(name, belief, curve, gradient, measured, variance):
     """One sample by equations 5.26 and 5.84 of Sarkka 2013, with the parameters of Julier's points.
 
     Bayesian Filtering and Smoothing, Cambridge; in NumPy, with a root of the covariance by
@@ -51,7 +51,7 @@ def by_the_textbook(name, belief, curve, measured, variance):
     mean, covariance = belief
     size = mean.size
     if name == "ekf":
-        slope = np.asarray(jax.grad(curve)(jnp.asarray(mean)))
+        slope = np.asarray(gradient(mean))
         predicted, cross = float(curve(mean)), covariance @ slope
         spread = slope @ cross
     else:
@@ -82,19 +82,26 @@ def test_the_kalman_filters_are_those_of_the_textbook(name):
     step = method.walk**2 * np.eye(2)
     belief = np.asarray(begun.belief.mean), np.asarray(begun.belief.covariance)
     found = []
-    for slip, adhesion, scale in zip(record.slip, record.adhesion, scales, strict=True):
 
-        def curve(x, slip=slip):
-            return with_free_values(known.curve, coordinates_of(known).to_box(jnp.asarray(x)))(
-                slip, {}
-            )
+    def adhesion_at(x, slip):
+        return with_free_values(known.curve, coordinates_of(known).to_box(x))(slip, {})
 
+    value, slope = jax.jit(adhesion_at), jax.jit(jax.grad(adhesion_at))
+    for slip, adhesion, scale in zip(*map(np.asarray, record[:2]), scales, strict=True):
+        curve, gradient = (functools.partial(one, slip=slip) for one in (value, slope))
         walked = belief[0], belief[1] + step
-        belief = by_the_textbook(name, walked, curve, float(adhesion), scale**2)
+        belief = by_the_textbook(name, walked, curve, gradient, float(adhesion), scale**2)
         found.append(belief)
     means, covariances = map(np.array, zip(*found, strict=True))
     np.testing.assert_allclose(after.belief.mean, means, rtol=1e-8)
     np.testing.assert_allclose(after.belief.covariance, covariances, rtol=1e-8, atol=1e-14)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def followed(method, belief, walk, row, measured, variance):
+    """The belief after one sample of a linear model."""
+    walked = method.walked(belief, walk)
+    return method.learned(walked, functools.partial(jnp.dot, row), measured, variance)
 
 
 def test_a_curve_that_is_linear_makes_the_unscented_filter_the_exact_one():
@@ -109,9 +116,7 @@ def test_a_curve_that_is_linear_makes_the_unscented_filter_the_exact_one():
         mean = mean + gain * (z - row @ mean)
         covariance = covariance - np.outer(gain, row @ covariance)
         for name, belief in beliefs.items():
-            model = functools.partial(jnp.dot, jnp.asarray(row))
-            walked = KALMAN[name].walked(belief, jnp.asarray(0.01))
-            beliefs[name] = KALMAN[name].learned(walked, model, jnp.asarray(z), jnp.asarray(0.3))
+            beliefs[name] = followed(KALMAN[name], belief, 0.01, row, z, 0.3)
     for belief in beliefs.values():
         np.testing.assert_allclose(belief.mean, mean, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(belief.covariance, covariance, rtol=1e-9, atol=1e-12)
@@ -146,9 +151,7 @@ def test_particles_come_to_the_exact_kalman_filter_within_their_monte_carlo_erro
     exact = []
     belief = Gaussian(jnp.zeros(2), jnp.eye(2))
     for row, z in zip(rows, measured, strict=True):
-        walked = KALMAN["ekf"].walked(belief, jnp.asarray(walk))
-        model = functools.partial(jnp.dot, jnp.asarray(row))
-        belief = KALMAN["ekf"].learned(walked, model, jnp.asarray(z), jnp.asarray(noise))
+        belief = followed(KALMAN["ekf"], belief, walk, row, z, noise)
         exact.append(belief)
     means, covariances = (np.stack([one[i] for one in exact]) for i in (0, 1))
     deviation = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
@@ -196,10 +199,7 @@ def test_the_modes_come_near_all_paths_over_eight_samples():
     measured = np.sum(rows * truth, axis=1) + np.sqrt(noise) * rng.normal(size=8)
     modes = method._around(jnp.asarray(rails), jnp.asarray(start))
     for row, z in zip(rows, measured, strict=True):
-        model = functools.partial(jnp.dot, jnp.asarray(row))
-        modes = method.learned(
-            method.walked(modes, jnp.asarray(walk)), model, jnp.asarray(z), jnp.asarray(noise)
-        )
+        modes = followed(method, modes, walk, row, z, noise)
     weight, means, covariances, last = paths(method, rails, start, rows, measured, noise, walk)
     assert weight.size == 4**9  # the first mode is one of four, too
     exact = np.array([weight[last == mode].sum() for mode in range(4)])
