@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from adhesion_jax.curves import SLIP_LIMIT, Conditions, Curve, Law, Peak, Scalar, Signal
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
@@ -28,7 +28,7 @@ from adhesion_jax.effects.signals import Delay, Inertia, Lag, SlipBias, TorqueOf
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA
 from adhesion_jax.traction.families.base import SPEED, Family
-from adhesion_jax.traction.rails import ByTime, Passed, Rails, stacked
+from adhesion_jax.traction.rails import ByTime, Passed, Rails, Timed, stacked
 from adhesion_jax.traction.signals import Number, PerAxle
 from adhesion_jax.traction.surface import RailSurface, highest, per
 
@@ -37,7 +37,6 @@ _OF_MEASURING = (SlipBias, TorqueOffset, Inertia, Lag, Delay)
 
 #: Up to how many times the slip of a curve's own peak that of the curve with effects is sought.
 _BEYOND = 8.0
-
 
 #: Number of cubics that a departure is made of, for slips of either sign.
 _CUBICS = 2048
@@ -164,7 +163,7 @@ class Remembered(Law):
         return Peak(slip, found, found > (1 + 1e-9) * adhesion(end))
 
 
-class Remembering(Rails):
+class Remembering(Timed):
     """A law with effects along the whole run, those that have a memory in their step form.
 
     During a step of the plant the memories stand still. Each axle has its own, and all are at one
@@ -172,16 +171,8 @@ class Remembering(Rails):
     """
 
     surfaces: RailSurface  # one, of a steady law
+    starts: Int[Array, " segments"]
     end: Number  # the slip that the law takes up to which a peak is sought
-
-    @property
-    def segments(self) -> int:
-        return 1
-
-    def segment(
-        self, step: Int[Array, ""], train_speed: Number, braking: Bool[Array, ""]
-    ) -> Int[Array, ""]:
-        return jnp.zeros((), dtype=int)
 
     def init(self, slip: PerAxle, train_speed: Number) -> Kept:
         none = jnp.zeros(())
@@ -246,14 +237,15 @@ class LawRails(Family):
 
     def draw(self, key: PRNGKeyArray, step: float) -> Rails:
         law, in_ratio = self.surface.law, self.surface.in_ratio
-        limit = SLIP_LIMIT if in_ratio else SLIP_VELOCITY_LIMIT
+        limit, starts = SLIP_LIMIT if in_ratio else SLIP_VELOCITY_LIMIT, jnp.zeros(1, dtype=int)
         if isinstance(law, Steady):
             quick = dataclasses.replace(law.law, curve=tabulated(law.law.curve))
             own = law.law.curve.peak({"vehicle_speed_mps": SPEED}, limit)
             steady = RailSurface(Steady(quick, law.columns), in_ratio)
-            return Remembering(stacked([steady]), jnp.minimum(_BEYOND * own.slip, limit))
+            end = jnp.minimum(_BEYOND * own.slip, limit)
+            return Remembering(stacked([steady]), starts, end)
         surface = RailSurface(peaked(tabulated(law), limit), in_ratio)
-        return ByTime(stacked([surface]), jnp.zeros(1, dtype=int))
+        return ByTime(stacked([surface]), starts)
 
 
 def rails_of_curves(path: Path) -> Family:
