@@ -63,7 +63,7 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
         for score in screen([(null_of(state.fitted), entries)], seed)
         if score.p <= rules.SIGNIFICANT
     ]
-    trials = tried(state.fitted, scores[: rules.TRIED])
+    trials = tried(state.fitted, scores[: rules.TRIED_FORMS])
     if not trials:
         return None
     chosen = min(trials, key=lambda trial: trial.loss)

@@ -27,9 +27,13 @@ LEAST_SHARE_LEFT = 0.03
 #: Two columns form no pair if the size of their correlation exceeds this. By hand.
 SAME_COLUMN_CORRELATION = 0.98
 
-#: Number of physical causes that are refitted in each round, of forms of plain columns, of pairs of
-#: columns, and of refinements of an effect: those of largest score. By hand: refits take time.
-TRIED = 5
+#: Number of physical causes that are refitted in each round, those of largest score. By hand:
+#: refits take most of the time.
+TRIED_CAUSES = 6
+
+#: Number of forms of plain columns that are refitted in each round, those of largest score. By
+#: hand: refits take most of the time.
+TRIED_COLUMNS = 5
 
 #: A candidate is not refitted if its p exceeds the significance level by more than this factor. By
 #: hand.
@@ -40,6 +44,10 @@ PAIRED_COLUMNS = 12
 
 #: Number of columns that are combined with a chosen column, those of largest score. By hand.
 PARTNER_COLUMNS = 20
+
+#: Number of pairs of columns, or of refinements of an effect, that are refitted, those of largest
+#: score. By hand.
+TRIED_FORMS = 3
 
 #: A column is named as one that varies within blocks of rows if this share of its variance does. By
 #: hand.

@@ -172,7 +172,7 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
         if pairs := surfaces(problem, entry.covariates, (other,)):
             parts.append((null_of(chosen.fitted, split(forms)[0]), pairs))
     scored = [one for one in screen(parts, seed) if one.p <= rules.SCAN_SIGNIFICANT]
-    trials = tried(now.fitted, scored[: rules.TRIED])
+    trials = tried(now.fitted, scored[: rules.TRIED_FORMS])
     if not trials:
         return None
     best = min(trials, key=lambda trial: trial.loss)

@@ -43,8 +43,8 @@ def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
         return []
     most = rules.SHORTLISTED_TIMES * significant
     first = sorted((one for one in scores if one.p <= most), key=lambda one: -one.gains.sum())
-    causes = [score for score in first if not score.entry.generic][: rules.TRIED]
-    columns = [score for score in first if score.entry.generic][: rules.TRIED]
+    causes = [score for score in first if not score.entry.generic][: rules.TRIED_CAUSES]
+    columns = [score for score in first if score.entry.generic][: rules.TRIED_COLUMNS]
     return [*causes, *columns]
 
 
