@@ -48,9 +48,10 @@ def test_coloured_is_the_plain_recursion_and_whitened_takes_it_back():
     for k in range(1, 50):
         expected[:, k] = 0.7 * expected[:, k - 1] + np.sqrt(1 - 0.49) * white[:, k]
     noise = Noise(autocorrelation=0.7)
-    made = noise.coloured(jnp.asarray(white))
+    made = jax.jit(lambda white: noise.coloured(white))(white)
     np.testing.assert_allclose(made, expected, atol=1e-13)
-    np.testing.assert_allclose(noise.whitened(made), white, atol=1e-13)
+    whitened = jax.jit(lambda made: noise.whitened(made))(made)
+    np.testing.assert_allclose(whitened, white, atol=1e-13)
     np.testing.assert_array_equal(Noise().coloured(jnp.asarray(white)), white)
     np.testing.assert_array_equal(Noise().whitened(jnp.asarray(white)), white)
 
@@ -102,8 +103,13 @@ def test_the_noise_of_a_stream_is_coloured_across_its_reports():
 def test_the_bound_of_coloured_samples_is_that_of_the_dense_inverse_covariance(name):
     """Of a growing sequence that of all samples so far, of a stream those since the switch."""
     scenario = build(name, Options(points=100, sigma=0.02, autocorrelation=0.8))
-    record = scenario.draw(jax.random.key(0))
-    bound = np.asarray(jax.jit(lambda record: scenario.bound(record))(record))
+
+    @jax.jit
+    def drawn(key):
+        record = scenario.draw(key)
+        return record, scenario.bound(record)
+
+    record, bound = jax.tree.map(np.asarray, drawn(jax.random.key(0)))
     truth = scenario.quantities()
     slips = np.ravel(record.slip) if name == "qian2024-switch" else np.asarray(record.slip[-1])
     ends = 10 * np.arange(1, 11) if name == "qian2024-switch" else scenario.support()

@@ -13,6 +13,20 @@ from adhesion_jax.scenarios.catalogue import stream
 from adhesion_jax.scenarios.rail_process import Change
 from adhesion_jax.scenarios.rails import FORMS, RAILS, changed, initial_slope, peak_of
 
+peak_under = jax.jit(lambda rail, conditions: rail.peak(conditions))
+
+
+def drawn(scenario, key):
+    """A record of a scenario, and its bound."""
+
+    @jax.jit
+    def both(key):
+        record = scenario.draw(key)
+        return record, scenario.bound(record)
+
+    return both(key)
+
+
 STREAMS = [name for name, one in SCENARIOS.items() if getattr(one, "func", one) is stream]
 
 
@@ -21,8 +35,8 @@ def test_a_rail_that_changes_has_its_peak_where_it_is_said(truth):
     form = FORMS[truth]
     for name, rail in form.rails.items():
         conditions = dict(form.conditions)
-        before = rail.peak(conditions)
-        after = changed(truth, name, 0.8, 1.3).peak(conditions)
+        before = peak_under(rail, conditions)
+        after = peak_under(changed(truth, name, 0.8, 1.3), conditions)
         assert float(after.adhesion) == pytest.approx(0.8 * float(before.adhesion), rel=1e-6)
         assert float(after.slip) == pytest.approx(1.3 * float(before.slip), rel=1e-6)
         same = changed(truth, name, 1.0, 1.0)
@@ -97,15 +111,15 @@ def test_noise_of_the_slip_is_in_what_is_measured_alone(name):
 
 def test_the_bound_under_noise_of_the_slip_is_that_of_noise_of_adhesion_as_large():
     scenario = build("single", Options(slip_noise=0.002, sigma=0.01, points=300))
-    record = scenario.draw(jax.random.key(0))
-    slip = np.asarray(record.slip[0])
+    record, bound = drawn(scenario, jax.random.key(0))
+    slip = np.asarray(record.slip)[0]
     c1, c2, c3 = (float(x) for x in free_values(RAILS["dry"]))
     decay = np.exp(-c2 * slip)
     jacobian = np.stack([1 - decay, c1 * slip * decay, -slip], axis=1)
     variance = 0.01**2 + (0.002 * (c1 * c2 * decay - c3)) ** 2
     expected = np.linalg.inv((jacobian / variance[:, None]).T @ jacobian)
-    bound = np.asarray(scenario.bound(record))[0, :3]
-    np.testing.assert_allclose(bound, np.sqrt(np.diag(expected)), rtol=1e-6)
+    found = np.asarray(bound)[0, :3]
+    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=1e-6)
 
 
 def prior_of(path):
@@ -179,8 +193,7 @@ def test_the_bound_of_a_drifting_rail_is_that_of_all_unknowns_along_its_own_path
     scenario = build(
         "switch-drift", Options(points=200, shift=0.3, sigma=0.02, autocorrelation=0.5)
     )
-    record = scenario.draw(jax.random.key(2))
-    bound = np.asarray(scenario.bound(record))
+    record, bound = drawn(scenario, jax.random.key(2))
     slip, curve = np.ravel(record.slip), scenario.rail.curve
     path = np.stack([curve.p1, curve.p2], axis=-1)
     for stretch, report in ((slice(0, 100), 9), (slice(100, 200), 19)):
@@ -190,7 +203,7 @@ def test_the_bound_of_a_drifting_rail_is_that_of_all_unknowns_along_its_own_path
         rows = ((up - down) / (2 * moves.sum(axis=-1))).T
         white = np.vstack([rows[:1], (rows[1:] - 0.5 * rows[:-1]) / np.sqrt(0.75)])
         expected = np.sqrt(np.diag(jointly(white, own, 0.02)))
-        np.testing.assert_allclose(bound[report, :2], expected, rtol=1e-3)
+        np.testing.assert_allclose(np.asarray(bound)[report, :2], expected, rtol=1e-3)
 
 
 def adhesion_of(values, slip):
@@ -198,10 +211,10 @@ def adhesion_of(values, slip):
 
 
 def test_without_a_drift_the_bound_is_that_of_a_rail_that_stays():
-    keys = jax.random.key(4)
     still, slow = (build("stream", Options(points=200, fall=fall)) for fall in (0.0, 1e-9))
-    record = still.draw(keys)
-    np.testing.assert_allclose(slow.bound(record), still.bound(record), rtol=1e-5)
+    record, bound = drawn(still, jax.random.key(4))
+    found = jax.jit(lambda record: slow.bound(record))(record)
+    np.testing.assert_allclose(found, bound, rtol=1e-5)
     assert not still.rail.drifts
     assert slow.rail.drifts
 
