@@ -34,7 +34,7 @@ _ONLINE = [name for name in NAMES["identifiers"] if name not in KNOWN.not_follow
     "--identifiers",
     type=Names(NAMES["identifiers"], "identifier"),
     help=f"Some of {', '.join(_ONLINE)}, or FILE.py:NAME, divided by commas; by default riv, "
-    "qp-qian2024-1 and rls-kiencke.",
+    "bank-kiencke and rls-kiencke.",
 )
 @click.option(
     "--initial-slope",

@@ -101,14 +101,13 @@ def _log(figure: SubFigure, title: str, events: Events) -> None:
         xlabel=f"time from the beginning of the log ({unit})",
         xlim=(0, span / seconds),
     )
+    ends = (table[["start_s", "end_s"]].to_numpy() - begin) / seconds
     for axis in axes:
         light_frame(axis)
-        for start, end in zip(table["start_s"], table["end_s"], strict=True):
-            ends = (start - begin) / seconds, (end - begin) / seconds
-            axis.axvspan(*ends, color=BEFORE, alpha=0.35, linewidth=1.5, zorder=0.5)
+        for pair in ends:
+            axis.axvspan(*pair, color=BEFORE, alpha=0.35, linewidth=1.5, zorder=0.5)
     last = -np.inf
-    for run, start, end in zip(table["run"], table["start_s"], table["end_s"], strict=True):
-        place = ((start + end) / 2 - begin) / span
+    for run, place in zip(table["run"], ends.mean(axis=1) * seconds / span, strict=True):
         if place - last < _APART:
             continue
         last = place
@@ -147,11 +146,9 @@ def _panels(
     grid = np.atleast_1d(axes).ravel()
     low, high = min(0.0, 1.04 * float(slip.min())), max(0.0, 1.04 * float(slip.max()))
     for axis, (_, event) in zip(grid, chosen.iterrows(), strict=False):
-        rows = shown[shown["run"] == event["run"]]
-        _event(axis, events, event, rows)
-    for axis in grid:
-        axis.set(xlim=(low, high))
-        slip_axis(axis, low, high, gap=0.16)
+        _event(axis, events, event, shown[shown["run"] == event["run"]])
+    grid[0].set_xlim(low, high)
+    slip_axis(grid[0], low, high, gap=0.16)  # the panels share it
     for axis in grid[len(chosen) :]:
         axis.set_axis_off()
     for axis in grid[: len(chosen)][-_COLUMNS:]:  # the lowest of each column
