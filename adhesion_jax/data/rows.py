@@ -47,9 +47,7 @@ class Rows:
     numbers: dict[str, np.ndarray]  # NaN where a cell is empty
     labels: Mapping[str, pd.Categorical]
     index: pd.Index  # the numbers that a user sees of the rows
-    texts: Mapping[
-        str, tuple[int, str]
-    ]  # cells of a column of numbers that are text, and the first
+    texts: Mapping[str, tuple[int, str]]  # cells of text among numbers: how many, and the first
     left_out: dict[str, str]  # columns that are not used, each with the clause why
     origin: str  # from when a time counts that was given by dates, empty otherwise
     computed: dict[str, str] = field(default_factory=dict)  # columns that were, and what from
