@@ -52,6 +52,8 @@ def main(baseline: Path, update: bool, out: Path) -> None:
     before = None if update else read_baseline(baseline)
     directory = output_directory(baseline.parent if update else out)
     began = time.perf_counter()
+    # On one core: a process that may use two spends up to three times the CPU-seconds.
+    runtime.take_core(runtime.cores_of(runtime.CORES)[-1])
     fresh = _measured(BASELINE_SEED if update else CHECK_SEED, before)
     if before is None:
         with staged(directory, (baseline.name,)) as stage:
@@ -77,9 +79,7 @@ def _measured(seed: int, before: pd.DataFrame | None) -> pd.DataFrame:
             bar.set_description(name)
             bar.update()
 
-        accuracy = measure_accuracy(IDENTIFIERS, RUNS, seed, progress, runtime.CORES)
-        # On one core: a process that may use two spends up to three times the CPU-seconds.
-        runtime.take_core(runtime.cores_of(runtime.CORES)[-1])
+        accuracy = measure_accuracy(IDENTIFIERS, RUNS, seed, progress)
         fresh = assemble(accuracy, measure_speed(IDENTIFIERS, TURNS, progress))
         for _ in range(ATTEMPTS):
             slow = suspects(compare(before, fresh)) if before is not None else ()

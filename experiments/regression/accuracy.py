@@ -7,10 +7,9 @@ import pandas as pd
 
 from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
-from adhesion_jax.campaign.pool import Processes
+from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import Identifier
-from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import SCENARIOS, Options, needs_options
 from experiments.regression.table import ACCURACY, KEYS
 
@@ -40,7 +39,7 @@ def homes(identifiers: Mapping[str, Identifier]) -> Mapping[str, Config]:
 
 def accuracy_steps(identifiers: Mapping[str, Identifier], runs: int) -> int:
     """The number of times that `measure_accuracy` reports progress."""
-    return len(_campaigns(identifiers, runs, 0))
+    return sum(-(-config.runs // TILE) for config in _campaigns(identifiers, runs, 0))
 
 
 def measure_accuracy(
@@ -48,26 +47,16 @@ def measure_accuracy(
     runs: int,
     seed: int,
     progress: Callable[[str], None],
-    workers: int = 1,
 ) -> pd.DataFrame:
-    """The accuracy rows of the table, one per identifier, rail and quantity.
-
-    Each scenario is one process's; `progress` is called with its name when it is done.
-    """
-    campaigns = _campaigns(identifiers, runs, seed)
-    tables = []
-    with Processes(workers).mapped(_summary, [(one, identifiers) for one in campaigns]) as found:
-        for config, table in zip(campaigns, found, strict=True):
-            tables.append(table)
-            progress(config.scenario)
+    """The accuracy rows of the table, one per identifier, rail and quantity."""
+    tables = [
+        run_campaign(config, lambda _: None, progress, 1, identifiers).tables["summary"]
+        for config in _campaigns(identifiers, runs, seed)
+    ]
     table = pd.concat(tables, ignore_index=True)
     again = table.groupby(list(KEYS), sort=False).cumcount()  # a rail that a run comes back to
     table["rail"] = table["rail"].where(again == 0, table["rail"] + " " + (again + 1).astype(str))
     return table[[*KEYS, *ACCURACY]]
-
-
-def _summary(config: Config, identifiers: Mapping[str, Identifier]) -> pd.DataFrame:
-    return run_campaign(config, silent, silent, 1, identifiers).tables["summary"]
 
 
 def _campaigns(identifiers: Mapping[str, Identifier], runs: int, seed: int) -> tuple[Config, ...]:
