@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 import adhesion_jax as aj
 from adhesion_jax.measured.vetoes import Points, independent_of_slip
@@ -55,3 +55,15 @@ def test_a_plateau_with_few_points_before_it_is_no_level():
     )
     assert found.vetoes == ()
     assert found.mu_max_interval[0] <= 0.42
+
+
+def test_two_levels_differ_from_the_gap_on_that_the_chi_square_tells():
+    """Of two bins of five points at d (-2 .. 2): MAD d, errors equal, chi^2 = gap^2/(2 error^2)."""
+    slip, pattern = np.repeat([0.01, 0.1], 5), 0.01 * np.array([-2, 1, 0, -1, 2])
+    # 1.4826 MAD is the standard deviation, 1.25 of it over sqrt(n) the error of a median; a line
+    # takes two of five degrees of freedom.
+    error = 1.25 * 1.4826 * 0.01 / np.sqrt(5) * np.sqrt(5 / 3)
+    gap = error * np.sqrt(2 * chi2.isf(1e-4, 1))
+    for factor, independent in ((0.98, True), (1.02, False)):
+        adhesion = np.concatenate([0.2 + pattern, 0.2 + factor * gap + pattern])
+        assert bool(independent_of_slip(points(slip, adhesion))) == independent
