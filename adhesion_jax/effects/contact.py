@@ -74,7 +74,11 @@ class Hysteresis(Multiplier, Dynamic):
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:
         direction = jnp.tanh(rate(jnp.abs(slip), conditions) / self.rate)
-        return 1 + self.k * lagged(direction, self.memory, conditions)
+        turning = lagged(direction, self.memory, conditions)
+        if has_history(conditions):  # a run begins at rest, a step before its first point
+            passed = jnp.cumsum(steps(conditions)) + steps(conditions)[1]
+            turning = turning - direction[0] * jnp.exp(-passed / (self.memory + 1e-12))
+        return 1 + self.k * turning
 
     def init(self, adhesion: Value, slip: Value, conditions: Conditions) -> State:
         nothing = jnp.zeros(())

@@ -193,6 +193,14 @@ def test_hysteresis_tells_rising_from_falling_slip():
     np.testing.assert_allclose(found[25:35], 1 + change, rtol=1e-9)
 
 
+def test_hysteresis_begins_a_run_at_rest_and_builds_up_over_its_memory():
+    effect = EFFECTS["hysteresis"](k=0.1, rate=0.02, memory=2.0)
+    time = 0.1 * np.arange(60)
+    found = after(effect, np.ones(60), {"time_s": jnp.asarray(time)}, 0.05 + 0.01 * time)
+    change = 0.1 * np.tanh(0.01 / 0.02) * -np.expm1(-(time + 0.1) / 2)  # at rest a step before
+    np.testing.assert_allclose(found, 1 + change, rtol=1e-9)
+
+
 def test_inertia_is_the_acceleration_of_the_circumference():
     effect = EFFECTS["inertia"](k=0.01)
     time = 0.1 * np.arange(50)
