@@ -26,8 +26,9 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 SAMPLE = DOCS / "sample_log.csv"
 PAGES = [DOCS / "tutorial.md", DOCS / "compare.md", *sorted((DOCS / "how_to").glob("*.md"))]
 
-#: What takes longer than twenty seconds.
-LONG = ("choose_a_method", "find_a_cause", "finish_a_job")
+#: What takes longer than four seconds, and than twenty.
+LONG = ("tutorial", "choose_curves", "compare_groups", "several_axles", "use_the_answer")
+THOROUGH = ("choose_a_method", "find_a_cause", "finish_a_job")
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"([^\d.-]*)(-?\d[\d,]*(?:\.\d+)?)(\D*)")
@@ -116,10 +117,14 @@ def refreshed(page):
     return text
 
 
+def marks_of(page):
+    if page.stem in THOROUGH:
+        return pytest.mark.thorough
+    return pytest.mark.long if page.stem in LONG else ()
+
+
 @pytest.mark.parametrize(
-    "page",
-    [pytest.param(page, marks=pytest.mark.thorough if page.stem in LONG else ()) for page in PAGES],
-    ids=lambda page: page.stem,
+    "page", [pytest.param(page, marks=marks_of(page)) for page in PAGES], ids=lambda page: page.stem
 )
 def test_a_page_prints_what_it_shows(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

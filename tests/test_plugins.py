@@ -117,6 +117,7 @@ def test_the_options_of_a_scenario_are_in_its_help_and_in_their_range(folder):
     assert "--points does not go with --scenario steep" in refused.stderr
 
 
+@pytest.mark.long
 def test_a_curve_is_identified(folder):
     out, told = done_in(folder, of("identify"), "curve")
     assert "Weights of the curves" in told

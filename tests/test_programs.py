@@ -294,6 +294,7 @@ def lines_of(process):
     return output.split()
 
 
+@pytest.mark.long
 def test_a_program_that_jax_has_kept_itself_works_in_the_next_process(tmp_path):
     """With jax 0.10 what is loaded and written once more lacks some of its functions."""
     named = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "jax")}
@@ -307,6 +308,7 @@ def test_a_program_that_jax_has_kept_itself_works_in_the_next_process(tmp_path):
     assert lines_of(run_script(named | second)) == [expected]
 
 
+@pytest.mark.long
 def test_two_processes_at_once_compile_a_program_once(tmp_path):
     environment = {keeping.VARIABLE: str(tmp_path)}
     together = [run_script(environment) for _ in range(2)]

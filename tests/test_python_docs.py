@@ -30,6 +30,7 @@ def run(page, folder):
     return done.stdout
 
 
+@pytest.mark.long
 def test_the_readme(tmp_path):
     shutil.copy(aj.SHIPPED["eurosprinter"].path, tmp_path / "my_measurement.csv")
     told = run(HOME / "README.md", tmp_path)

@@ -35,6 +35,7 @@ def done(script, **environment):
     return process.stdout.split()
 
 
+@pytest.mark.long
 def test_the_library_computes_on_the_cpu_where_jax_prefers_another_device(tmp_path):
     script = f"""{_TWO_DEVICES}
 jax.config.update("jax_default_device", other)

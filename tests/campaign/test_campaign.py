@@ -206,11 +206,13 @@ def test_a_run_does_not_depend_on_how_many_there_are_nor_on_the_other_methods(sm
     pd.testing.assert_frame_equal(estimates, chosen.reset_index(drop=True), check_exact=True)
 
 
+@pytest.mark.long
 def test_the_time_to_compile_is_told_of_small_jobs_too(small):
     """Their programs are compiled before the first shard."""
     assert all(seconds > 0 for seconds in small[0].compile_seconds.values())
 
 
+@pytest.mark.long
 def test_the_tables_say_what_the_estimates_say(small):
     campaign, estimates = small
     assert len(estimates) == 150 * 6 * 3
@@ -449,6 +451,7 @@ def test_a_method_that_pools_blocks_is_held_against_the_bound_of_its_pool():
         )
 
 
+@pytest.mark.long
 def test_two_scenarios_of_one_name_live_in_one_session(monkeypatch):
     """A job keeps the scenario that it was given, whatever has its name meanwhile."""
     jobs = []

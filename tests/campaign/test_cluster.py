@@ -163,6 +163,7 @@ def test_what_is_finished_before_an_error_is_kept(two, tmp_path):
     assert len(names) == len(ended)
 
 
+@pytest.mark.long
 def test_a_worker_that_dies_costs_none_of_the_other_units(two, tmp_path):
     work = [(number, tmp_path / "died") for number in range(200)]
     with two.stored(squared_or_killed_once, work, tmp_path) as results:

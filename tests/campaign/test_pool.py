@@ -38,6 +38,7 @@ def later(number, folder):
     return number
 
 
+@pytest.mark.long
 def test_a_result_waits_for_those_before_it_where_their_order_matters(tmp_path):
     folders = [tmp_path / "mapped", tmp_path / "stored"]
     for folder in folders:
@@ -70,6 +71,7 @@ def noted(number, folder):
     return number
 
 
+@pytest.mark.long
 def test_a_unit_that_ends_its_process_is_tried_three_times_and_finished_ones_once(
     tmp_path, monkeypatch, capsys
 ):

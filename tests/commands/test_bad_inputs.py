@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+from lanes import lanes
 
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.program import adhesion
@@ -109,7 +110,7 @@ def answered(path, columns=None):
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("ending", [".csv", ".txt", ".csv.gz", ".parquet"])
+@pytest.mark.parametrize("ending", lanes([".csv", ".txt", ".csv.gz", ".parquet"], always=1, long=3))
 def test_files_with_faults_are_read_or_refused_in_a_sentence(ending, tmp_path):
     draw = np.random.default_rng(len(ending))
     read = 0

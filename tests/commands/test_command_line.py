@@ -56,6 +56,7 @@ def test_the_catalogue_is_that_of_the_registries():
     assert answered(script=script).returncode == 0
 
 
+@pytest.mark.long
 def test_the_first_command_after_a_change_has_the_flags_of_the_others(tmp_path):
     """Jax reads them when it opens a device, as the rooms do that the catalogue is asked of."""
     script = """
@@ -164,8 +165,8 @@ def test_a_refusal_is_one_sentence_and_imports_no_jax(case):
     ("streams", "code", "says"),
     [
         ("> /dev/full", 1, "error: the output cannot be written (No space left on device).\n"),
-        (">&-", 0, ""),
-        ("2>&-", 0, ""),
+        pytest.param(">&-", 0, "", marks=pytest.mark.long),
+        pytest.param("2>&-", 0, "", marks=pytest.mark.long),
         (">&- 2>&- <&-", 0, ""),
     ],
 )
@@ -239,6 +240,7 @@ def test_names_are_completed():
     assert completed("adhesion montecarlo --identifiers riv,ml-p", 3) == ["riv,ml-pooled"]
 
 
+@pytest.mark.long
 def test_a_remembered_catalogue_is_read_and_a_damaged_one_made_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(keeping, "_folder", [tmp_path])
     asked = []

@@ -48,6 +48,7 @@ def written(tmp_path_factory):
         yield out, aj.traction_leaderboard(methods, **QUICK, out=out)
 
 
+@pytest.mark.long
 def test_a_board_has_its_files_and_a_row_for_each_method(written):
     out, found = written
     of_track = {"robustness.csv", "robustness.png"}

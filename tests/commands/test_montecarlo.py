@@ -118,6 +118,7 @@ def test_the_main_job_has_both_scenarios_in_one_table_and_one_set_of_figures(tmp
     assert (runs.loc[runs["identifier"] == "ml-exact", "c1"]).notna().all()
 
 
+@pytest.mark.long
 def test_an_identifier_that_no_scenario_of_the_main_job_takes_is_refused(tmp_path):
     done = command("--identifiers", "rls-slope", "--out", tmp_path)
     assert done.returncode == 2

@@ -25,6 +25,8 @@ CALLS = {
     "discover": ["roller-rig", "--curve=auto"],
 }
 
+LONG = ("identify", "montecarlo", "discover")
+
 
 def ran(*arguments):
     done = CliRunner().invoke(adhesion, [*map(str, arguments)], catch_exceptions=False)
@@ -53,7 +55,10 @@ def work(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("command", CALLS)
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(one, marks=pytest.mark.long if one in LONG else ()) for one in CALLS],
+)
 def test_the_results_of_a_command_repeat_from_their_folder(command, work):
     arguments = ["log.csv" if one == "LOG" else one for one in CALLS[command]]
     if command != "simulate":

@@ -42,6 +42,9 @@ ALIKE = {
 }
 
 
+LONG = ("identify", "montecarlo", "discover")
+
+
 def contents(folder, clocks):
     """What the files hold that programs read; pictures and pages are drawn from it."""
     found = {}
@@ -59,7 +62,9 @@ def contents(folder, clocks):
     return found
 
 
-@pytest.mark.parametrize("name", ALIKE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.long if one in LONG else ()) for one in ALIKE]
+)
 def test_a_command_and_its_function_write_the_same(name, tmp_path):
     words, arguments, clocks = ALIKE[name]
     main = import_module(f"adhesion_jax.command_line.{name}").main

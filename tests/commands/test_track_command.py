@@ -103,6 +103,7 @@ def test_a_log_that_never_slips_is_refused_and_nothing_is_written(tmp_path):
     assert not list((tmp_path / "out").glob("track*"))
 
 
+@pytest.mark.long
 def test_a_method_of_ones_own(tmp_path):
     (tmp_path / "gentle.py").write_text(
         "from adhesion_jax.identifiers.ls_kiencke import RecursiveLeastSquares\n"

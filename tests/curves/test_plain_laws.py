@@ -119,6 +119,7 @@ assert not jax.config.jax_enable_x64
 """
 
 
+@pytest.mark.long
 def test_laws_of_numbers_are_in_double_precision_whatever_jax_is_set_to(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", _NUMBERS], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -115,6 +115,7 @@ def test_a_line_in_time_is_found_whatever_its_phase(quiet, frequency):
     assert torsion(sampled(quiet, 10.0, line)) is None
 
 
+@pytest.mark.long
 def test_in_noise_there_is_neither(quiet):
     assert waves(quiet, [], 0) == []
     assert torsion(quiet.fitted) is None

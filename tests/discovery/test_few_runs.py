@@ -28,6 +28,7 @@ def measured(table, draw, factor=1.0, correlation=0.8):
     return curve(table["slip_ratio"]) * factor * levels(draw, table, 0.02) + made
 
 
+@pytest.mark.long
 def test_what_moves_within_ten_runs_is_found(table):
     draw = np.random.default_rng(4)
     whole = table.assign(adhesion=measured(table, draw, np.exp(0.03 * table["gust"])))
@@ -107,6 +108,7 @@ def test_where_nothing_moves_adhesion_within_runs_p_is_as_rarely_small_as_it_say
         assert np.sum(np.array(found) <= level) <= stats.binom.isf(1e-3, 200, level)
 
 
+@pytest.mark.long
 def test_a_smooth_function_is_as_rarely_strong_in_slow_noise_as_its_deviate_says(table):
     """Of 60 draws, but for one chance in 1000; it is tested whole, and by its smoothest two."""
     draw = np.random.default_rng(7)

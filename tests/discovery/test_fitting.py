@@ -240,6 +240,7 @@ def refits(setting, fitted):
     return {run: refitted(setting, fitted, run) for run in LEFT_OUT}
 
 
+@pytest.mark.long
 def test_the_held_out_loss_is_that_of_refits_without_the_run(setting, fitted, refits):
     residual, _ = parts_of(setting, "burckhardt", (WARM, FALL))
     run_of = np.nonzero(setting.root > 0)[0]

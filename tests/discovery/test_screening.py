@@ -212,6 +212,7 @@ def test_runs_alike_are_held_against_students_t():
     assert freedom == pytest.approx(10)
 
 
+@pytest.mark.long
 def test_a_lag_that_hides_its_curve_is_told_by_the_slip_before():
     """Of 15 s in runs of 10 s: the fitted curve is nearly flat, and no lag of it explains much."""
     hidden = SetNoise(sigma=0.01, autocorrelation=0.3, run_scatter=0.005)
@@ -253,6 +254,7 @@ def eight(null):
     return in_few_runs(null, 8)
 
 
+@pytest.mark.long
 def test_of_eight_runs_one_form_in_twenty_has_a_p_of_a_twentieth(eight):
     """Of 400 draws of errors with levels of the runs, but for one chance in 1000."""
     draw, entries = np.random.default_rng(1), [line("gust"), line("load", "offset")]
@@ -339,7 +341,7 @@ def few_enough(found):
     ]
 
 
-@pytest.mark.parametrize("degrees", [np.inf, 3.0])
+@pytest.mark.parametrize("degrees", [pytest.param(np.inf, marks=pytest.mark.long), 3.0])
 def test_where_nothing_is_hidden_p_is_as_rarely_small_as_it_says(null, table, library, degrees):
     """Of everything in the library: lines, splines, labels and memories of columns, and causes."""
     kinds = {type(start) for entry in library for start in entry.starts}

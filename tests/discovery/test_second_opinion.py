@@ -54,6 +54,7 @@ def test_noise_is_no_opinion(correlation, scatter):
         assert second_opinion(columns, noise(seed, correlation, scatter), run, OWN, seed) is None
 
 
+@pytest.mark.long
 def test_a_level_that_follows_a_column_is_named():
     columns, run = campaign(3)
     signal = np.where(columns["relative_humidity_pct"] > 60, -3.0, 0.0)
@@ -73,6 +74,7 @@ def test_a_level_that_follows_a_column_is_named():
     assert second_opinion(columns, left, run, OWN, 0)[:4] == opinion[:4]
 
 
+@pytest.mark.long
 def test_the_correction_removes_from_other_runs_the_share_that_was_told():
     columns, run = campaign(3)
     other, _ = campaign(4)
@@ -110,6 +112,7 @@ def test_columns_of_the_slip_are_used_and_not_named():
     assert named.columns == ("slip_ratio",)
 
 
+@pytest.mark.long
 def test_the_most_important_column_comes_first():
     columns, run = campaign(9, runs=40)
     for first, second in (("axle", "curvature_per_m"), ("curvature_per_m", "axle")):

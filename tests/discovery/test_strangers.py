@@ -79,6 +79,7 @@ def test_a_null_hides_nothing(number, monkeypatch):
         assert rms(left(slip, adhesion, slip != 0)) < 0.25 * null.sigma
 
 
+@pytest.mark.long
 def test_the_effect_is_as_strong_as_stated(monkeypatch):
     """Judged by another smoother, on adhesion without noise, over training and test rows."""
     monkeypatch.setattr(stranger_sets, "_errors", without_noise)

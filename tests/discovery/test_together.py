@@ -28,6 +28,7 @@ def designed():
     return table.drop(columns="place")
 
 
+@pytest.mark.long
 def test_three_factors_of_a_design_are_each_named(designed):
     draw = np.random.default_rng(8)
     level = np.exp(sum(0.03 * (2 * designed[name] - 1) for name in FACTORS))
@@ -45,6 +46,7 @@ def test_three_factors_of_a_design_are_each_named(designed):
         assert float(line.k / line.scale) == pytest.approx(0.06, abs=0.01)
 
 
+@pytest.mark.long
 def test_where_levels_scatter_alone_the_best_of_all_choices_is_as_rarely_significant_as_it_says(
     designed,
 ):

@@ -200,12 +200,14 @@ def peaks(table):
     return table[table["quantity"] == "mu_max"].set_index("rail")
 
 
+@pytest.mark.long
 def test_it_follows_a_rail_that_drifts_with_an_interval_that_holds_the_truth():
     summary = peaks(tables("drift")["summary"]).loc["dry"]
     assert summary["rmse"] / summary["truth"] < 0.0035
     assert summary["coverage95"] > 0.90
 
 
+@pytest.mark.long
 def test_it_is_near_the_bound_where_the_rail_stays_and_soon_after_it_has_changed():
     found = tables("qian2024-switch")
     ratio = peaks(found["summary"])["rmse_over_crlb"]

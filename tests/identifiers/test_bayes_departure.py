@@ -120,6 +120,7 @@ def peak_row(scenario, options):
     return table[table["quantity"] == "mu_max"].iloc[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "options"),
     [

@@ -19,7 +19,7 @@ BY_SAMPLE = {"kiencke": "qian2024-switch", "slope": "fang2018-slope"}
 KNOWN = {kind: build(name).known for kind, name in BY_SAMPLE.items()}
 ONLINE = [
     (name, kind)
-    for name, method in IDENTIFIERS.items()
+    for name, method in reversed(IDENTIFIERS.items())
     for kind, known in KNOWN.items()
     if method.accepts(known) is None
 ]

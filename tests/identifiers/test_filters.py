@@ -128,6 +128,7 @@ def test_the_root_of_a_covariance_is_cholesky_s_and_zero_where_there_is_none():
     np.testing.assert_array_equal(lower_root(jnp.zeros((3, 3))), 0.0)
 
 
+@pytest.mark.long
 def test_particles_come_to_the_exact_kalman_filter_within_their_monte_carlo_error():
     """A linear model with a walk: means of many filters, and how they scatter about the mean."""
     filters, samples, noise, walk = 200, 60, 0.2, 0.05

@@ -75,6 +75,7 @@ def test_it_finds_the_weighted_least_squares_of_scipy_and_their_errors(rail):
         np.testing.assert_allclose(deviations_of(estimate)[i, :3], deviation, rtol=0.03)
 
 
+@pytest.mark.long
 def test_it_is_at_the_bound_of_the_samples_that_it_remembers_and_knows_it():
     for rail in ("dry", "common"):
         slip, adhesion = runs(rail, 256, 600, seed=2)
@@ -101,6 +102,7 @@ def test_it_is_at_the_bound_of_the_samples_that_it_remembers_and_knows_it():
             assert 0.95 - 4 * 0.014 < np.mean(inside) < 0.95 + 4 * 0.014
 
 
+@pytest.mark.long
 def test_a_slope_that_is_told_wrong_misleads_riv_and_not_this_one():
     """On a rail with half the slope that is told."""
     rng = np.random.default_rng(3)
@@ -128,6 +130,7 @@ def test_the_linear_form_has_no_footing_where_the_slope_is_unknown():
     assert np.mean(errors) == pytest.approx(0.85, abs=0.05)
 
 
+@pytest.mark.long
 def test_braking_standstill_and_samples_that_are_no_numbers_change_nothing():
     slip, adhesion = runs("common", 2, 200, seed=5)
     expected = values_of(found(slip, adhesion))

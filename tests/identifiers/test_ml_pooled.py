@@ -174,6 +174,7 @@ def test_the_information_from_the_sums_is_that_of_the_points(top, side):
     np.testing.assert_allclose(found, jacobian.T @ jacobian, rtol=1e-8)
 
 
+@pytest.mark.long
 def test_a_block_that_is_not_finite_is_left_out_of_the_pool():
     scenario = build("he2018-blocks", Options(points=120, blocks=9))
     keys = jax.random.split(jax.random.key(3), RUNS)

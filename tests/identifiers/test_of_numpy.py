@@ -24,6 +24,7 @@ def least_squares(slip, adhesion):
     return {"c1": c1, "c2": c2, "c3": c3, "c1_se": covariance[0, 0] ** 0.5, **peak}
 
 
+@pytest.mark.long
 def test_least_squares_by_scipy_are_those_of_the_package():
     asked = {"scipy": least_squares, "ml-exact": adhesion.IDENTIFIERS["ml-exact"]}
     found = adhesion.montecarlo("single", asked, runs=64)
@@ -92,6 +93,7 @@ class Recursive:
         return {"mu_max": self.a0 / (p1 + 2 * p2**0.5), "slip_opt": p2**-0.5, "p1": p1}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", ["qian2024-switch", "qian2024"])
 def test_a_class_follows_samples_as_a_recursion_of_the_package_does(scenario):
     asked = {"mine": Recursive, "rls-kiencke": adhesion.IDENTIFIERS["rls-kiencke"]}
@@ -162,6 +164,7 @@ def late(slip, _):
     return {"mu_max": 0.5}
 
 
+@pytest.mark.long
 def test_what_goes_wrong_in_a_run_is_told_with_its_line_and_without_a_page_of_traceback(capfd):
     with pytest.raises(adhesion.InputError) as refusal:
         adhesion.montecarlo("single", {"mine": late}, runs=2)

@@ -71,7 +71,7 @@ def test_errors_of_many_runs_are_those_of_a_dense_model(axes):
 
 
 @pytest.mark.parametrize(
-    "scenario", lanes(["coloured", "single", "mismatch"], always=1, thorough=2)
+    "scenario", lanes(["coloured", "single", "mismatch"], always=0, long=1, thorough=2)
 )
 def test_the_interval_by_cosines_holds_the_peak_in_noise_with_memory_and_of_a_wrong_curve(scenario):
     """That of independent noise and the right curve holds it in half of the runs, and in none."""
@@ -104,6 +104,7 @@ def test_the_interval_by_cosines_holds_the_peak_in_all_cells(truth, slips, corre
     assert np.mean(covered) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 512)
 
 
+@pytest.mark.long
 def test_a_method_that_does_not_fit_the_last_block_has_no_such_interval():
     table = aj.montecarlo("single", ["ml-pooled"], runs=2).summary
     assert table["coverage95_robust"].isna().all()

@@ -115,7 +115,7 @@ def at_least(found, low, high):
     [
         "slow_level_noisy_slip",
         pytest.param("tooth_spikes", marks=pytest.mark.thorough),
-        "rolling_rows",
+        pytest.param("rolling_rows", marks=pytest.mark.long),
     ],
 )
 def test_a_fault_that_hides_no_peak_leaves_the_truth_in_the_intervals(name):
@@ -125,6 +125,7 @@ def test_a_fault_that_hides_no_peak_leaves_the_truth_in_the_intervals(name):
     assert high - low < 0.07
 
 
+@pytest.mark.long
 def test_points_above_the_interval_are_no_fault_where_neighbours_share_their_noise():
     """Of the correlation .95, a part of which is described as levels of runs or slow ones."""
     for seed in (1, 14):
@@ -138,6 +139,7 @@ def test_a_slow_level_and_a_noisy_slip_do_not_lead_the_fit_away_from_the_points(
     assert of_form("slow_level_noisy_slip").fit.rms < 1.1 * float(np.sqrt((left**2).mean()))
 
 
+@pytest.mark.long
 def test_a_slip_held_on_the_rise_tells_the_least_that_adhesion_reaches():
     _, truth = FAULTS["held_slip"](0)
     at_least(of_form("held_slip"), 0.98 * truth["at_least"], DRY.mu_max)
@@ -205,6 +207,7 @@ def test_groups_by_a_column_of_text_differ_and_each_has_its_own_peak(name, by, t
         assert answer.slip_opt.low <= slip_opt <= answer.slip_opt.high, group
 
 
+@pytest.mark.long
 def test_a_group_that_tells_no_peak_by_itself_has_a_veto_and_no_interval(tmp_path):
     """One group is a curve, in the other adhesion does not depend on slip."""
     curve, _ = FAULTS["slow_level_noisy_slip"](0)
@@ -277,6 +280,7 @@ def test_a_vetoed_file_is_written_with_its_veto_and_the_command_succeeds(tmp_pat
     assert veto in page
 
 
+@pytest.mark.long
 def test_the_command_compares_by_a_column_of_text(tmp_path, monkeypatch, capsys):
     table, _ = FAULTS["two_surfaces"](0)
     log, out = tmp_path / "log.csv", tmp_path / "out"

@@ -113,6 +113,7 @@ def test_arrays_by_their_names_are_data(found):
         aj.identify({"slip_ratio": [0.1, 0.2], "adhesion": [0.1]})
 
 
+@pytest.mark.long
 def test_a_notebook_shows_what_is_drawn(found, missing):
     followed = aj.track(FRAME, "rls-kiencke")
     for result in (found, followed, aj.plan("common"), missing):
@@ -218,6 +219,7 @@ def test_a_campaign_that_cannot_be_is_refused_in_a_sentence(arguments, says):
         aj.montecarlo(**arguments)
 
 
+@pytest.mark.long
 def test_a_method_of_ones_own_among_others():
     result = aj.montecarlo(
         "qian2024",

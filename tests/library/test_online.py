@@ -80,6 +80,7 @@ print(now.mu_max.hex())
 """
 
 
+@pytest.mark.long
 def test_a_program_in_single_precision_stays_so_and_has_the_same_numbers():
     ended = subprocess.run(
         [sys.executable, "-c", LOOP], capture_output=True, text=True, check=False

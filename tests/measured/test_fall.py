@@ -142,6 +142,7 @@ def test_noise_of_the_slip_fakes_no_fall(share):
     assert np.nanmax([*falls, -1.0]) < 3
 
 
+@jax.jit
 def window_of(slip, adhesion, slip_opt, forgetting=1.0, reset=-1):
     def step(window, sample):
         slip, adhesion, number = sample
@@ -189,6 +190,7 @@ def test_a_sample_that_is_not_finite_changes_nothing():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not FAULTS.exists(), reason="the collection of logs is not here")
 def test_coasting_with_holds_reaches_and_with_sweeps_has_a_peak():
     """An adhesion of .2205 is held; what forgets or resets remembers a last roll out as well."""

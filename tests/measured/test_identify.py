@@ -394,7 +394,10 @@ def test_the_search_on_some_points_is_polished_on_all():
     ("arguments", "says"),
     [
         (["eurosprinter", "--curve", "burkhardt"], "--curve burkhardt is not known; name one of"),
-        (["eurosprinter", "--out", "/proc/none"], "--out /proc/none cannot be written to"),
+        (
+            ["eurosprinter", "--curve", "kiencke", "--out", "/proc/none"],
+            "--out /proc/none cannot be written to",
+        ),
         ([], "Missing argument 'FILES...'"),
     ],
 )

@@ -50,6 +50,7 @@ def best_of_scipy(y):
     return min(found, key=lambda one: one.cost)
 
 
+@pytest.mark.long
 def test_the_fit_is_that_of_scipy_inside_the_box_and_on_each_of_its_faces():
     ys = noisy(40, seed=3)
     found = quick_jit(jax.vmap(fit_one, in_axes=(0, None)))(ys, CENTRE)

@@ -319,6 +319,7 @@ def one_run(target, key):
     )
 
 
+@pytest.mark.long
 def test_a_stopped_run_does_not_depend_on_its_neighbours():
     keys = jax.random.split(jax.random.key(6), 16)
     # Some optima outside the box, where the spread vanishes at a corner; some never stop in time.

@@ -79,6 +79,7 @@ def test_what_does_not_go_together_is_said_with_what_would_be_right():
     check("hill", declared(hill), Options(gradient=1.0, sigma=0.2))
 
 
+@pytest.mark.long
 def test_the_command_line_has_the_options_of_a_new_scenario_in_their_ranges(monkeypatch):
     monkeypatch.setitem(SCENARIOS, "hill", hill)
     known = pickle.loads(pickle.dumps(told()))

@@ -371,6 +371,7 @@ def test_a_drifting_rail_loses_its_share_of_adhesion_and_keeps_its_slope_and_sli
     assert last.a0 == first.a0
 
 
+@pytest.mark.long
 def test_no_job_loads_the_discovery():
     words = "import sys, adhesion_jax.library.montecarlo; print(*sys.modules)"
     done = subprocess.run(

@@ -210,6 +210,7 @@ def adhesion_of(values, slip):
     return 40 * slip / (1 + values[..., 0] * slip + values[..., 1] * slip**2)
 
 
+@pytest.mark.long
 def test_without_a_drift_the_bound_is_that_of_a_rail_that_stays():
     still, slow = (build("stream", Options(points=200, fall=fall)) for fall in (0.0, 1e-9))
     record, bound = drawn(still, jax.random.key(4))

@@ -375,12 +375,14 @@ def sized():
     return consistency_table(scenario, 0, 384, lambda _: None, (125, 500, 2000))
 
 
+@pytest.mark.long
 def test_rmse_falls_as_the_root_of_the_number_of_points():
     for claim in consistency_claims(sized()):
         assert abs(claim.ours + 0.5) < 3 * claim.ours_error < 0.1
         assert claim.verdict == "reproduced"
 
 
+@pytest.mark.long
 def test_bound_of_a_padded_block_is_that_of_the_block_alone():
     scenario = build_scenario(Config("single"))
     record = scenario.draw(jax.random.key(0))

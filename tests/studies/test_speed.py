@@ -220,6 +220,7 @@ def test_without_a_gpu_one_row_says_so(monkeypatch):
     assert told(table).splitlines()[1].split(maxsplit=1) == ["GPU", table["remark"][0]]
 
 
+@pytest.mark.long
 def test_a_gpu_that_fails_is_told_and_the_rest_is_timed(monkeypatch):
     monkeypatch.setenv("JAX_PLATFORMS", "no_such_platform")
     (remark,) = gpu.table(1, 0)["remark"]

@@ -105,14 +105,16 @@ def test_the_corners_of_the_unit_cube_are_the_ends_of_the_ranges(name):
             assert bool(same) == (other != place)
 
 
-@pytest.mark.parametrize("name", lanes(ENTRANTS, always=3, thorough=20))
+@pytest.mark.parametrize("name", lanes(ENTRANTS, always=1, long=2, thorough=20))
 def test_every_entrant_runs(name):
     found = run(ENTRANTS[name], FAMILIES["exponential"].draw(KEY, STEP))
     assert np.isfinite(np.asarray(found.command)).all()
     assert np.isfinite(np.asarray(found.sample.adhesion)).all()
 
 
-@pytest.mark.parametrize("name", ["varpro-offset", "ml-pooled"])
+@pytest.mark.parametrize(
+    "name", ["varpro-offset", pytest.param("ml-pooled", marks=pytest.mark.long)]
+)
 def test_an_identifier_finds_as_a_seeker_what_it_finds_alone(name):
     slips, adhesions = sweep()
     adhesions = adhesions + 1e-3 * np.random.default_rng(0).standard_normal(len(slips))

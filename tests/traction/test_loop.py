@@ -404,7 +404,8 @@ def combinations():
 
 
 @pytest.mark.parametrize(
-    ("observer", "seeker", "controller", "name"), lanes(combinations(), always=1, thorough=1)
+    ("observer", "seeker", "controller", "name"),
+    lanes(combinations(), always=0, long=1, thorough=1),
 )
 def test_all_that_accept_each_other_run(observer, seeker, controller, name):
     system = SYSTEMS[name]
@@ -436,6 +437,7 @@ def test_all_that_accept_each_other_run(observer, seeker, controller, name):
         )
 
 
+@pytest.mark.long
 def test_eight_axles_that_are_alike_move_as_one():
     one, eight = plant_of("hxd1f"), plant_of("hxd1f_axles")
     system = SYSTEMS["hxd1f"]

@@ -101,7 +101,10 @@ def test_a_gear_only_takes(name, efficiency):
     assert (max(found.gear) > rounding) == (efficiency < 1)
 
 
-@pytest.mark.parametrize("name", STARTS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.long if "twist" in name else ()) for name in STARTS],
+)
 def test_a_trajectory_is_that_of_a_solver_of_order_eight(name):
     plant, state, torques = started(name)
     _, whole = ravel_pytree(state)

@@ -257,6 +257,7 @@ def ran(plant, share):
     return {name: float(x[0]) for name, x in found.items()}
 
 
+@pytest.mark.long
 def test_where_nothing_swings_a_twisting_axle_runs_as_a_rigid_one():
     rigid, twists = ran(RIGID, 0.7), ran(SHIPPED, 0.7)
     for name in ("utilisation_settled", "slip_settled", "torque_largest"):
