@@ -168,12 +168,16 @@ FORMS = [*{jax.tree.structure(IDENTIFIERS[name]): name for name in reversed(IDEN
 
 
 def in_lanes(pairs):
-    """Always each form of a method on its home; before a change lands some elsewhere as well."""
+    """Always every other form of a method on its home, before a change lands each one.
+
+    At night all of them, elsewhere as well.
+    """
     home = [pair for pair in pairs if HOME.get(pair[0], pair[1]) == pair[1]]
     always = [pair for pair in home if pair[0] in FORMS or pair[0] not in HOME]
     away = [pair for pair in pairs if pair not in home and pair[0] in FORMS]
     marks = dict.fromkeys(pairs, pytest.mark.slow)
     marks |= dict.fromkeys(away[::12], pytest.mark.thorough) | dict.fromkeys(always, ())
+    marks |= {pair: pytest.mark.long for pair in always if pair[0] in FORMS[1::2]}
     return [pytest.param(*pair, marks=mark) for pair, mark in marks.items()]
 
 

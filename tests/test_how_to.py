@@ -26,8 +26,9 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 SAMPLE = DOCS / "sample_log.csv"
 PAGES = [DOCS / "tutorial.md", DOCS / "compare.md", *sorted((DOCS / "how_to").glob("*.md"))]
 
-#: What takes longer than four seconds, and than twenty.
-LONG = ("tutorial", "choose_curves", "compare_groups", "several_axles", "use_the_answer")
+#: What takes longer than two seconds, and than twenty.
+LONG = ("tutorial", "choose_curves", "compare_groups", "correct_signals", "plan_a_measurement")
+LONG += ("several_axles", "use_the_answer")
 THOROUGH = ("choose_a_method", "find_a_cause", "finish_a_job")
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

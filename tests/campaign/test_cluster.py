@@ -109,6 +109,7 @@ def test_without_a_cluster_it_is_so_many_processes():
         assert pool == Processes(3)
 
 
+@pytest.mark.long
 def test_every_unit_has_its_result_once_from_two_processes(two, tmp_path):
     results = found(two, squared, range(60), tmp_path)
     assert sorted(number for number, _ in results) == [number**2 for number in range(60)]
@@ -118,6 +119,7 @@ def test_every_unit_has_its_result_once_from_two_processes(two, tmp_path):
     assert two.workers == 2
 
 
+@pytest.mark.long
 def test_no_more_units_are_given_out_than_memory_is_meant_for(two, tmp_path, monkeypatch):
     monkeypatch.setattr(pool_module, "_GIVEN_OUT", 8)
     given, submit = [], two.client.submit
@@ -133,6 +135,7 @@ def test_no_more_units_are_given_out_than_memory_is_meant_for(two, tmp_path, mon
     assert len({*given}) == 40
 
 
+@pytest.mark.long
 def test_only_what_is_not_done_is_cancelled(two, tmp_path, monkeypatch):
     cancelled = []
     monkeypatch.setattr(two.client, "cancel", cancelled.append)
@@ -144,6 +147,7 @@ def test_only_what_is_not_done_is_cancelled(two, tmp_path, monkeypatch):
     assert not cancelled
 
 
+@pytest.mark.long
 def test_an_error_of_a_unit_is_raised_here(two, tmp_path):
     with pytest.raises(InputError, match=r"^7 is not wanted\."):
         found(two, refused, [7], tmp_path)
@@ -151,6 +155,7 @@ def test_an_error_of_a_unit_is_raised_here(two, tmp_path):
         found(two, without_space, [7], tmp_path)
 
 
+@pytest.mark.long
 def test_what_is_finished_before_an_error_is_kept(two, tmp_path):
     ended = []
     wanted = pytest.raises(InputError, match=r"^60 is not wanted\.")
@@ -184,6 +189,7 @@ def test_a_unit_whose_worker_dies_three_times_is_told_in_a_sentence(two, tmp_pat
     assert [number for number, _ in found(two, squared, [3], tmp_path)] == [9]
 
 
+@pytest.mark.long
 def test_files_come_to_the_folder_that_is_asked_for(scheduler, tmp_path):
     with pool_of(1, scheduler) as pool:
         places = found(pool, written, range(9), tmp_path)
@@ -207,6 +213,7 @@ def test_parts_in_files_of_the_users_own_are_used_in_workers(scheduler, tmp_path
     assert set(summary["identifier"]) == {"mine"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "other"), [("python", "3.0.1"), ("jax", "0.1"), ("source of adhesion-jax", "ab12")]
 )
@@ -218,6 +225,7 @@ def test_a_worker_of_another_version_is_refused(scheduler, monkeypatch, name, ot
         pass
 
 
+@pytest.mark.long
 def test_a_worker_with_several_threads_is_refused():
     with (
         distributed.LocalCluster(

@@ -103,6 +103,7 @@ def weighed(content):
     return content * 2
 
 
+@pytest.mark.long
 def test_large_units_and_large_results_do_not_wait_for_each_other():
     work = [(bytes([number]) * 2_000_000,) for number in range(12)]  # more than a line holds
     assert found(weighed, work) == [content * 2 for (content,) in work]
@@ -117,6 +118,7 @@ def killed_at_first(number, folder):
     return number
 
 
+@pytest.mark.long
 def test_the_units_of_a_worker_that_dies_are_tried_again(tmp_path):
     assert found(killed_at_first, [(number, tmp_path) for number in range(4)]) == [*range(4)]
 
@@ -126,6 +128,7 @@ def slow(number):
     return os.getpid()
 
 
+@pytest.mark.long
 def test_no_process_goes_on_after_the_work_is_given_up():
     with Processes(2).mapped(slow, [(number,) for number in range(4)]) as results:
         process = next(results)

@@ -41,6 +41,7 @@ print("pandas" in sys.modules)
 """
 
 
+@pytest.mark.long
 def test_a_shard_is_computed_and_stored_without_pandas(tmp_path):
     """Its import would be a fifth of the start of a worker process."""
     command = (sys.executable, "-c", WORKER, str(tmp_path))

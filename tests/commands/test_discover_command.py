@@ -117,6 +117,7 @@ def report(campaign, tmp_path_factory):
     return folder / "out", pd.read_csv(paths[1])
 
 
+@pytest.mark.long
 def test_every_file_is_written(report):
     found = {path.name for path in report[0].iterdir()}
     # The load moves the level of the curve and not its shape; the runs are not events of a log.
@@ -124,6 +125,7 @@ def test_every_file_is_written(report):
     assert all((report[0] / name).stat().st_size > 100 for name in found)
 
 
+@pytest.mark.long
 def test_the_report_for_programs_has_its_keys(report, campaign):
     text = (report[0] / "report.json").read_text()
     assert "NaN" not in text
@@ -147,6 +149,7 @@ def test_the_report_for_programs_has_its_keys(report, campaign):
     assert told["rmse"]["test"]["after"] < 1.05 * campaign.test_rms_noise
 
 
+@pytest.mark.long
 def test_odd_columns_are_warned_of(report):
     warnings = json.loads((report[0] / "report.json").read_text())["warnings"]
     assert "The column load_in_kN is left out: it is the same as normal_load_N." in warnings
@@ -154,6 +157,7 @@ def test_odd_columns_are_warned_of(report):
     assert "calibration" in page
 
 
+@pytest.mark.long
 def test_predictions_are_one_line_a_row_in_order(report):
     folder, test = report
     predictions = pd.read_csv(folder / "predictions.csv")
@@ -165,6 +169,7 @@ def test_predictions_are_one_line_a_row_in_order(report):
         assert np.sqrt((error**2).mean()) == pytest.approx(told[when], rel=1e-6)
 
 
+@pytest.mark.long
 def test_the_law_that_was_written_is_that_of_the_predictions(report):
     folder, test = report
     law = load_law(folder / "law.json")

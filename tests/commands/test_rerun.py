@@ -99,6 +99,7 @@ def test_of_a_job_that_was_extended_all_runs_are_repeated(work):
     np.testing.assert_array_equal(rows[0]["mu_max"], rows[1]["mu_max"])
 
 
+@pytest.mark.long
 def test_a_version_that_has_changed_is_told(work):
     with chdir(work):
         ran("plan", *CALLS["plan"], "--out", "first")

@@ -42,7 +42,7 @@ ALIKE = {
 }
 
 
-LONG = ("identify", "montecarlo", "discover")
+LONG = ("identify", "track", "montecarlo", "discover")
 
 
 def contents(folder, clocks):

@@ -97,6 +97,7 @@ def test_each_axle_has_its_own_slip_events():
         assert begin - 3 < start < begin + 3
 
 
+@pytest.mark.long
 def test_results_are_told_by_axle_beside_those_of_all():
     found = aj.identify(side_by_side(), "kiencke", events=False)
     assert [*found.groups] == ["1", "2", "3", "4"]

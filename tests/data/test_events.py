@@ -104,6 +104,7 @@ def test_all_events_are_found_and_no_other(noise):
     assert complete >= 19
 
 
+@pytest.mark.long
 @given(shift=st.integers(-(10**6), 10**6))
 def test_another_zero_of_time_changes_nothing_else(shift):
     table = log(seconds=640.0, step=0.0625)  # a power of two, so that sums of times are exact

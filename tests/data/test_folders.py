@@ -136,6 +136,7 @@ def test_the_command_line_says_what_is_said_elsewhere():
     assert reading.WANTED == WANTED
 
 
+@pytest.mark.long
 def test_the_files_of_a_folder_are_compared(tmp_path):
     def wetter(part, place):
         return part.assign(mu=(0.5 if place == 2 else 1.0) * part["mu"])

@@ -18,6 +18,8 @@ WRITTEN_BY_US = {
     ".parquet": LOG.to_parquet,
 }
 
+ENDINGS = (*WRITTEN_BY_US, *FOREIGN)
+
 
 def changed(content, draw):
     """A few bytes changed, a piece cut out, a piece written twice, or the end missing."""
@@ -78,8 +80,14 @@ def fuzzed(ending, count, folder):
 
 
 @pytest.mark.filterwarnings("ignore")  # of libraries, which the command shows to nobody
-@pytest.mark.parametrize("count", [30, pytest.param(1000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("ending", [*WRITTEN_BY_US, *FOREIGN])
+@pytest.mark.parametrize(
+    ("ending", "count"),
+    [
+        *((one, 30) for one in ENDINGS if one not in READERS),
+        *(pytest.param(one, 30, marks=pytest.mark.long) for one in ENDINGS if one in READERS),
+        *(pytest.param(one, 1000, marks=pytest.mark.slow) for one in ENDINGS),
+    ],
+)
 def test_no_file_is_answered_by_an_error_of_a_library(ending, count, tmp_path):
     # A program of its own is started for each file of some formats, which takes up to a second.
     some = 6 if ending in READERS and count < 1000 else count

@@ -36,6 +36,7 @@ def test_a_signal_that_was_moved_is_found_to_be_late(late, step):
     assert not none.clear
 
 
+@pytest.mark.long
 def test_the_standard_error_is_the_scatter_of_repeated_logs():
     found = []
     for seed in range(60):

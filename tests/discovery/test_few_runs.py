@@ -64,6 +64,7 @@ def test_an_effect_two_thirds_as_large_is_found_in_most_draws(table):
     assert named >= 4
 
 
+@pytest.mark.long
 def test_a_stretch_is_three_times_as_long_as_the_noise_remembers(table):
     """AR(1) of phi has (1 + phi)/(1 - phi) points: white noise 1, of .8 it is 9."""
     lengths = {}
@@ -149,6 +150,7 @@ def test_a_shift_by_a_column_that_stands_still_within_runs_is_found():
     assert best_of(fitted, ("warm",), Spline, "shift").p <= rules.SIGNIFICANT
 
 
+@pytest.mark.long
 def test_runs_that_differ_in_more_than_their_level_make_nothing_sure():
     """Each run has a slip scale of its own that no column tells."""
     for seed in (5, 6):

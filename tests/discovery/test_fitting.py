@@ -145,6 +145,7 @@ def scipys(setting, base, effects, start):
     )
 
 
+@pytest.mark.long
 def test_the_fit_is_the_least_squares_that_scipy_finds(setting, fitted):
     """With the prior as further rows."""
     assert setting.problem.branches == 2
@@ -168,6 +169,7 @@ def test_the_fit_of_another_curve_is_one_of_least_squares(setting, base):
     assert fitted.total == pytest.approx(found.cost, abs=NEAR)
 
 
+@pytest.mark.long
 def test_loss_gradient_and_hessian_are_the_sums_over_each_run(setting, fitted):
     """The prior is shared out evenly to the runs that there are."""
     residual, jacobian = parts_of(setting, "burckhardt", (WARM, FALL))
@@ -299,6 +301,7 @@ def refits_of(x, y):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scatter", [0.0, 2.0])
 def test_the_covariance_is_that_of_the_jackknife_over_runs(fitted, scatter):
     """CR3: (R - 1)/R times the sum of squares of what the fits without a run move by."""
@@ -323,6 +326,7 @@ def test_intervals_of_a_linear_model_cover_though_levels_scatter(fitted):
     assert np.mean(covered) == pytest.approx(0.95, abs=2.5 * np.sqrt(0.05 * 0.95 / 600) + 0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scatter", [0.0, 2.0])
 def test_the_expected_loss_of_a_run_is_its_density_given_the_others(fitted, scatter):
     """-ln N(y; X b, C + X V X') of a linear model, b and V of the others; without ln(2 pi)/2.
@@ -355,6 +359,7 @@ def in_blocks(fitted):
     return fitted._replace(setting=setting._replace(problem=setting.problem._replace(blocks=True)))
 
 
+@pytest.mark.long
 def test_points_of_blocks_are_predicted_without_themselves(fitted):
     """By least squares on the linear model that lacks the point."""
     x, y = linear()
@@ -369,6 +374,7 @@ def test_points_of_blocks_are_predicted_without_themselves(fitted):
     np.testing.assert_allclose(expected_loss(in_blocks(known)), expected, rtol=1e-8)
 
 
+@pytest.mark.long
 def test_the_weights_are_hubers(setting, fitted):
     """1.48 times the median size is the standard deviation; beyond two of it points count less."""
     plain = fitted._replace(setting=setting._replace(spread=np.zeros(setting.root.shape)))
@@ -427,6 +433,7 @@ def test_noise_of_the_slip_counts_where_adhesion_does_not_follow_it(acts):
     assert found.sigma == pytest.approx(0.004, rel=0.1)
 
 
+@pytest.mark.long
 def test_the_slope_is_that_of_central_differences(fitted):
     data = fitted.setting.problem.data
     moved = []
@@ -445,6 +452,7 @@ def test_the_slope_is_that_of_central_differences(fitted):
 # ------------------------------------------------------------------------------ what is gained
 
 
+@pytest.mark.long
 def test_the_error_of_a_gain_is_the_scatter_of_the_runs(fitted):
     draw = np.random.default_rng(3)
     gains = draw.normal(0.4, 1.0, 20)

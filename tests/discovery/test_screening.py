@@ -406,6 +406,7 @@ def test_an_offset_or_a_shift_may_be_a_curve_over_its_column(null, table, librar
     assert p["covariate:warm", Covariate, acts_on] > 0.1
 
 
+@pytest.mark.long
 def test_a_curve_over_the_bulk_of_a_column_of_long_tails_is_found():
     """Half of the data lie below a fortieth of its range."""
     draw = np.random.default_rng(36)
@@ -431,6 +432,7 @@ def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library
     assert best.entry.name == "covariate:place"
 
 
+@pytest.mark.long
 def test_a_column_of_two_names_is_found_as_names_and_one_of_two_numbers_as_a_line():
     draw = np.random.default_rng(35)
     table = campaign(draw)

@@ -142,6 +142,7 @@ def test_it_says_why_it_declines():
     assert "slip alone" in METHOD.accepts(build("fang2018-slope").known)
 
 
+@pytest.mark.long
 def test_a_stream_is_after_every_sample_what_the_block_of_its_samples_is():
     """Without the samples that are no numbers, and those at standstill, which are not counted."""
     block = build("single").known

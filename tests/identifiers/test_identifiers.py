@@ -137,7 +137,7 @@ def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     assert same == (name not in RANDOM)
 
 
-@pytest.mark.parametrize("name", lanes(BATCH, always=2, thorough=2))
+@pytest.mark.parametrize("name", lanes(BATCH, always=1, long=1, thorough=2))
 def test_a_block_that_is_not_finite_is_left_out_and_the_next_one_is_not_touched_by_it(name):
     case = "he2018-blocks" if accepts(name, "he2018-blocks") else "qian2024"
     scenario, records, plain = small(name, case)
@@ -156,7 +156,7 @@ def test_a_block_that_is_not_finite_is_left_out_and_the_next_one_is_not_touched_
         assert np.all(np.asarray(estimate.status)[:, 2] != Status.NOT_FINITE)
 
 
-@pytest.mark.parametrize("name", lanes(BATCH, always=2, thorough=2))
+@pytest.mark.parametrize("name", lanes(BATCH, always=1, long=1, thorough=2))
 def test_a_record_without_points_tells_nothing(name):
     case = "he2018-blocks" if accepts(name, "he2018-blocks") else "qian2024"
     scenario, records, _ = small(name, case)

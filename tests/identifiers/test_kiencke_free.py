@@ -144,6 +144,7 @@ def test_braking_standstill_and_samples_that_are_no_numbers_change_nothing():
     np.testing.assert_array_equal(found(np.insert(slip, at, 0.1, axis=1), counted).skipped, 19)
 
 
+@pytest.mark.long
 def test_slip_may_be_a_velocity():
     curve = Kiencke(a0=3.0, p1=5.0, p2=30.0, free=("a0", "p1", "p2"))
     known = Known(curve, [0.2, -0.2, 0.01], [100.0, 1000.0, 1e4], slip_limit=10.0)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lanes import lanes
 from scipy import stats
 from scipy.optimize import least_squares, lsq_linear
 
@@ -190,7 +191,7 @@ ONLINE = [
 ]
 
 
-@pytest.mark.parametrize("name", ONLINE)
+@pytest.mark.parametrize("name", lanes(ONLINE, always=4, long=len(ONLINE)))
 def test_braking_is_traction_with_other_signs_and_slip_zero_says_nothing_of_the_curve(name):
     scenario = build("qian2024-switch", Options(points=200, outliers=0.03))
     record = flat(scenario.draw(jax.random.key(3)))
@@ -209,7 +210,7 @@ def test_braking_is_traction_with_other_signs_and_slip_zero_says_nothing_of_the_
         np.testing.assert_allclose(found[at_rest], found[at_rest - 1], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ONLINE)
+@pytest.mark.parametrize("name", lanes(ONLINE, always=4, long=len(ONLINE)))
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_sample_that_is_not_finite_is_left_out_and_counted(name, value):
     """The estimates are those of a stream in which there is no such sample."""

@@ -79,7 +79,7 @@ def test_methods_are_compiled_once_and_mapped_over_streams(name):
     assert np.isfinite(together.values.get("mu_max", together.values.get("slope"))).all()
 
 
-@pytest.mark.parametrize("name", lanes(ONE_PASS, always=1, thorough=2))
+@pytest.mark.parametrize("name", lanes(ONE_PASS, always=0, long=1, thorough=2))
 def test_estimates_are_differentiated_by_the_samples(name):
     """By finite differences for the first ten samples; after these, both ways give the same."""
     identifier = IDENTIFIERS[name]

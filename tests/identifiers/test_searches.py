@@ -112,6 +112,7 @@ def test_plain_gauss_newton_misses_the_truth_as_often_as_was_measured():
         assert np.all(right | (np.asarray(estimate.status) != Status.TRUSTED))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in CURVE_METHODS if name not in UNSURE])
 def test_with_hardly_any_noise_every_rail_is_recovered(name):
     for rail in ("dry", "common", "wet"):
@@ -197,6 +198,7 @@ def test_a_gradient_method_agrees_with_the_exact_one_where_it_claims_success(nam
     )
 
 
+@pytest.mark.long
 def test_de_variants_differ_where_the_paper_says():
     """Eq. 16 starts around the previous estimate: at a switch its population lies elsewhere."""
     local = IDENTIFIERS["ml-de-eq16"]

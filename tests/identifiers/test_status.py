@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from identifier_cases import GRADIENT, RUNS, programs
+from lanes import lanes
 
 from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.identifiers import IDENTIFIERS, Status
@@ -26,7 +27,9 @@ SLIP = np.linspace(0.0, 0.5, 120)
 WIDE = Known(Burckhardt(0.3, 5.0, 0.1), jnp.array([0.01, 0.2, 0.001]), jnp.array([2.0, 50.0, 3.0]))
 
 
-@pytest.mark.parametrize("name", ["ml-exact", "ml-de-robust", "lm-jaxopt", "lm-optimistix"])
+@pytest.mark.parametrize(
+    "name", lanes(["ml-exact", "ml-de-robust", "lm-jaxopt", "lm-optimistix"], always=2, long=2)
+)
 def test_the_status_says_why_an_estimate_cannot_be_trusted(name):
     identifier = IDENTIFIERS[name]
     rng = np.random.default_rng(1)

@@ -74,6 +74,7 @@ def test_slips_that_lie_close_to_each_other_tell_a_peak_all_the_same():
     np.testing.assert_allclose(estimate.values["mu_max"], largest, rtol=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_its_interval_holds_the_truth_also_where_the_sensor_is_off(name):
     slip, adhesion = runs(256, 600, 0.05 * name.endswith("offset"), seed=5)
@@ -109,6 +110,7 @@ def exponential(x, velocity):
     return np.sign(velocity) * x[0] * left
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", NAMES)
 def test_a_curve_of_known_shape_is_found_as_by_scipy_and_its_interval_holds_the_truth(name):
     offset, truth = 0.03 * name.endswith("offset"), np.array([1.258, 1 / 3.2666])

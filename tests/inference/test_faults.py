@@ -266,6 +266,7 @@ def test_the_fit_of_a_curve_is_the_same_to_the_last_bit_whichever_others_are_ask
     assert alone.noise == among.noise
 
 
+@pytest.mark.long
 def test_a_vetoed_file_is_written_with_its_veto_and_the_command_succeeds(tmp_path, monkeypatch):
     table, _ = FAULTS["independent_of_slip"](0)
     log, out = tmp_path / "log.csv", tmp_path / "out"
@@ -342,6 +343,7 @@ def test_a_force_in_another_unit_than_its_heading_says_is_asked_about():
     assert 'columns={"wheel_force": "Radkraft [UNIT]"}' in str(refused.value)
 
 
+@pytest.mark.long
 def test_an_adhesion_that_no_contact_has_is_no_answer_though_its_unit_was_said():
     table, _ = FAULTS["rolling_rows"](0)
     whole = table.assign(adhesion=100 * table["adhesion"])

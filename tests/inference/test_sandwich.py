@@ -248,6 +248,7 @@ def test_white_noise_makes_the_variance_by_cosines_unbiased(penalty):
     assert mean == pytest.approx(direction @ inverse @ x.T @ x @ inverse @ direction, rel=1e-9)
 
 
+@pytest.mark.long
 def test_the_mean_by_cosines_of_draws_of_white_noise_is_the_true_variance():
     generator = np.random.default_rng(11)
     x = np.ones((50, 1))

@@ -134,6 +134,7 @@ def test_runs_have_their_keys_from_seed_rails_and_number_alone():
     assert len(np.unique(jax.random.key_data(many), axis=0)) == TILE
 
 
+@pytest.mark.long
 def test_a_step_is_short_enough_for_the_steepest_of_many_rails():
     twisting = terms_of(SYSTEM, read_plant(shipped()["hxd1f_twist"]).plant, SENSORS)
     timing_of(twisting, GRID, "constant", CONSTANT, FAMILY)

@@ -83,6 +83,7 @@ def test_every_level_is_one_of_a_disturbance():
     assert levels == {*CHANGES, "hurry", "plant", "pulses"}
 
 
+@pytest.mark.long
 def test_a_disturbance_of_level_0_is_the_nominal_run_bit_for_bit():
     nominal, none = places(loop_of()), places(loop_of(Disturbance()))
     for place, value in nominal.items():

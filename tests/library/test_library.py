@@ -87,6 +87,7 @@ def test_the_parameters_of_each_curve_with_their_errors(found):
     assert repr(found.fit).startswith("<Kiencke fitted to 163 points: largest adhesion 0.30")
 
 
+@pytest.mark.long
 def test_the_curve_has_the_peak_of_the_table_and_is_kept(found, tmp_path):
     row = found.table.set_index("curve").loc[found.best]
     peak = found.curve.peak(found.conditions)

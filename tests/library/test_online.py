@@ -23,12 +23,12 @@ ONLINE = [
 ]
 
 #: Those that compile quickly.
-QUICK = ("rls-kiencke-variable", "riv")
+MARKS = {"rls-kiencke-variable": (), "riv": pytest.mark.long}
 
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in ONLINE],
+    [pytest.param(name, marks=MARKS.get(name, pytest.mark.thorough)) for name in ONLINE],
 )
 def test_a_loop_has_the_numbers_of_a_campaign(name, monkeypatch):
     scenario = scenario_of(STREAM)
@@ -144,6 +144,7 @@ class Sorting(type(IDENTIFIERS["riv"])):
         return super().update(state, record._replace(slip=jnp.sign(record.slip) * size))
 
 
+@pytest.mark.long
 def test_a_step_that_cannot_be_one_function_has_the_same_numbers():
     riv = IDENTIFIERS["riv"]
     sorting = aj.online({"mine": Sorting(riv.huber, riv.gain, riv.prior)}, a0=40.0)

@@ -82,6 +82,7 @@ def test_the_scan_is_one_update_after_the_other(name):
     )
 
 
+@pytest.mark.long
 def test_chunks_change_nothing(monkeypatch):
     table, names = sweeps(300, 2, then=COMMON), ("riv", "rls-kiencke")
     whole = followed(table, names)
@@ -144,6 +145,7 @@ def test_a_method_that_knows_of_the_noise_has_its_own_bands():
     assert inside >= 24
 
 
+@pytest.mark.long
 def test_a_method_that_looks_for_the_slope_itself_is_not_misled_by_the_one_told():
     table = sweeps(600, 4)
     one = followed(table, ["kiencke-free", "riv"], 0.6 * A0)

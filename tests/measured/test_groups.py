@@ -57,6 +57,7 @@ def test_labels_that_are_known_are_looked_at_too(name):
     assert aj.identify(rows, "burckhardt", by="auto").comparison.by == name
 
 
+@pytest.mark.long
 def test_rails_that_are_mixed_are_told_though_nobody_asked():
     unasked = aj.identify(table(0.8), "burckhardt")
     said = "The rows are of different rails: their level differs by rail"
@@ -91,6 +92,7 @@ def test_columns_that_do_nothing_are_rarely_told_to_be_different_rails():
     assert told <= binom.isf(1e-3, 40, 0.05)
 
 
+@pytest.mark.long
 def test_events_of_axles_side_by_side_are_runs_of_one_answer():
     draw = np.random.default_rng(1)
     time = 0.05 * np.arange(3200)

@@ -77,6 +77,12 @@ def drawn(curve, slip, sigma, seed):
     return record._replace(adhesion=curve(record.slip, record.conditions) + noise)
 
 
+every_curve = pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=pytest.mark.long if "falling" in one else ()) for one in CURVES],
+)
+
+
 @pytest.fixture(scope="module")
 def eurosprinter():
     return to_record(read_measured(SHIPPED["eurosprinter"].path))
@@ -164,7 +170,7 @@ def test_the_table_holds_full_precision(told, fits):
         np.testing.assert_array_equal(table.loc[name, "value"], fit.parameters)
 
 
-@pytest.mark.parametrize("name", CURVES)
+@every_curve
 def test_no_start_of_an_independent_solver_finds_better(name, eurosprinter):
     slip, adhesion = np.asarray(eurosprinter.slip), np.asarray(eurosprinter.adhesion)
     lower, upper = (np.asarray(bound) for bound in physical_box(CURVES[name]))
@@ -195,7 +201,7 @@ def test_no_start_of_an_independent_solver_finds_better(name, eurosprinter):
         np.testing.assert_allclose(parameters, to_parameters(best.x), rtol=1e-3)
 
 
-@pytest.mark.parametrize("name", CURVES)
+@every_curve
 def test_known_parameters_are_recovered(name):
     """From both braking and traction, each within four standard errors; peak and level as well."""
     truth = CURVES[name]
@@ -334,6 +340,7 @@ def test_force_and_load_and_braking_give_the_same_fit(tmp_path, fits):
         np.testing.assert_allclose(fit.standard_errors, fits[name].standard_errors, rtol=1e-4)
 
 
+@pytest.mark.long
 def test_slip_as_a_velocity_gives_the_same_curve_in_its_own_unit(tmp_path, fits):
     table = read_measured(SHIPPED["eurosprinter"].path).table
     # Exactly ten times the ratio, which the file gives to six digits.
@@ -354,6 +361,7 @@ def test_slip_as_a_velocity_gives_the_same_curve_in_its_own_unit(tmp_path, fits)
     )  # b, in s/m in both
 
 
+@pytest.mark.long
 def test_a_curve_whose_condition_is_missing_is_named(tmp_path):
     table = read_measured(SHIPPED["eurosprinter"].path).table[["slip_ratio", "adhesion"]]
     path, out = tmp_path / "plain.csv", tmp_path / "out"

@@ -168,6 +168,7 @@ def test_a_file_that_is_no_rail_is_refused_in_a_sentence(tmp_path):
         rails_of_law(path)
 
 
+@pytest.mark.long
 def test_a_curve_of_points_that_gave_no_answer_is_a_rail_that_is_doubted(tmp_path):
     slip = np.geomspace(0.002, 0.4, 60)
     level = 20 * np.asarray(Burckhardt(c1=0.3, c2=40.0, c3=0.5)(jnp.asarray(slip), {}))

@@ -81,6 +81,7 @@ def test_a_batch_gives_each_run_what_it_finds_alone_and_takes_its_own_steps():
         assert bool(together.converged[place]) == bool(one.converged)
 
 
+@pytest.mark.long
 def test_a_batch_of_batches_and_shared_data_are_batches_as_well():
     ys = noisy(6, seed=1).reshape(2, 3, -1)
     found = quick_jit(jax.vmap(jax.vmap(fit_one, in_axes=(0, None)), in_axes=(0, None)))(ys, CENTRE)

@@ -308,6 +308,7 @@ def bowl_search(key):
 SCALE = jnp.asarray(0.5)
 
 
+@pytest.mark.long
 def test_generations_are_those_of_a_loop_over_the_population():
     keys = jax.random.split(jax.random.key(4), 6)
     # The last two cannot be reached, or are reached by the initial population.

@@ -41,6 +41,7 @@ def test_the_base_of_a_null_set_leaves_only_its_noise():
         assert left < 0.2 * 0.01
 
 
+@pytest.mark.long
 def test_features_stay_inside_their_run_and_folds_are_whole_runs(campaign):
     base = fit_base(campaign.train, campaign.test)
     problem = make_problem(campaign.train, campaign.test, base, dynamic=True)
@@ -78,6 +79,7 @@ def test_peers_find_a_strong_effect(campaign):
         assert answer.named == ("relative_humidity_pct",)
 
 
+@pytest.mark.long
 def test_simulated_sets_are_the_same_each_time_and_a_third_are_null():
     first, again = (list(simulated_sets(3, 4)) for _ in range(2))
     for one, other in zip(first, again, strict=True):

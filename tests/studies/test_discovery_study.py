@@ -47,6 +47,7 @@ def task(part: str, effects: tuple[str, ...], seed: int, visible: float | None =
     return Task(part, effects, seed, BASE_CURVES[seed % 4], False, "perturbed", NOISE, visible)
 
 
+@pytest.mark.long
 def test_rates_and_confusions_are_counted():
     tasks = [
         *(task("nothing", (), seed) for seed in range(4)),

@@ -188,6 +188,7 @@ def test_a_speed_is_judged_by_the_faster_of_its_timings(baseline, accuracy):
         assert verdicts(compare(baseline, faster_of(slow, speeds(again)))) == verdict
 
 
+@pytest.mark.long
 def test_speed_is_a_ratio_to_the_work_of_the_peer(monkeypatch):
     """By clocks that are known: the median of the turns but the first, which compiles."""
     turn = iter([9.0, 1.0, 2.0, 4.0])
@@ -245,6 +246,7 @@ def drawn(random, runs, rows):
     return table.reindex(columns=list(COLUMNS))
 
 
+@pytest.mark.long
 def test_false_alarms_are_rarer_than_one_table_in_a_hundred():
     """Of 500 pairs of tables of 160 figures; compared at once, judged a table at a time."""
     random, tables = np.random.default_rng(0), 500
@@ -347,6 +349,7 @@ def test_the_baseline_of_the_repository_holds_every_identifier():
     assert set(table["runs"].dropna()) == {regression.RUNS}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -113,6 +113,7 @@ def test_the_peak_of_a_law_with_speed_is_found_at_each_point():
     assert not has_peak(np.tanh, (2, 3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("acts_on", ACTS_ON)
 @pytest.mark.parametrize("columns", [ONE, TWO])
 def test_a_random_effect_is_planted_alike_each_time_and_recorded(acts_on, columns):

@@ -109,6 +109,7 @@ def test_recursive_least_squares_in_numpy_is_the_identifier(name, known, streams
 
 # After a few samples, where the statistic begins; soon after the switch, where the variance of the
 # noise is at its largest; and at the end.
+@pytest.mark.long
 @pytest.mark.parametrize("samples", [8, SAMPLES // 2 + 5, SAMPLES])
 @pytest.mark.parametrize("name", recursions.PROGRAMS)
 def test_a_quadratic_program_in_numpy_is_the_identifier(name, samples, known, streams):
@@ -133,6 +134,7 @@ def test_a_plant_moves_alike_in_jax_and_in_c(library, monkeypatch):
         np.testing.assert_allclose(its, own, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_the_search_over_all_points_finds_the_optimum():
     config = Config("single", options=Options(points=60))
     scenario = build_scenario(config)
@@ -213,6 +215,7 @@ def test_a_run_without_a_result_on_one_of_two_processors_is_told(
     assert words in gpu._difference(*both)
 
 
+@pytest.mark.long
 def test_without_a_gpu_one_row_says_so(monkeypatch):
     monkeypatch.setenv("JAX_PLATFORMS", "cpu")
     table = gpu.table(1, 0)

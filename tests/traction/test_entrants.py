@@ -316,6 +316,7 @@ class InNumpy:
         return {"asked": asked, "mean": mean}, asked
 
 
+@pytest.mark.long
 def test_a_seeker_of_numpy_asks_for_what_its_twin_asks_for():
     rails = FAMILIES["exponential"].draw(KEY, STEP)
     twins = (Follower(), seeker_of_numpy("mine", InNumpy))

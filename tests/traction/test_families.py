@@ -37,6 +37,8 @@ SPEED = jnp.asarray(5.0)
 NOW = jnp.zeros((), dtype=int)
 DRAWS = 400
 
+every_family = pytest.mark.parametrize("name", lanes(FAMILIES, always=5, long=len(FAMILIES)))
+
 
 @cache
 def keys_of(count):
@@ -79,7 +81,7 @@ def runs_of(loop, rails, duration=15.0):
     return jax.tree.map(np.asarray, computed(loop, rails, timing(loop, STEP, 1e-3, duration)))
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@every_family
 def test_rails_of_a_family_are_of_one_form_and_begin_on_the_grid(name):
     family = FAMILIES[name]
     rails = drawn(name)
@@ -97,7 +99,7 @@ def test_rails_of_a_family_are_of_one_form_and_begin_on_the_grid(name):
     assert kstest(late.ravel(), "uniform", (-JITTER, 2 * JITTER)).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("name", FAMILIES)
+@every_family
 def test_peaks_are_those_of_a_fine_grid_and_slips_log_uniform(name):
     rails = drawn(name)
 
@@ -306,6 +308,7 @@ def test_a_second_simulator_gives_the_same_use_of_adhesion(method):
         assert found["utilisation"][number, 0] == pytest.approx(expected, abs=2e-3)
 
 
+@pytest.mark.long
 def test_eight_axles_on_rails_of_their_own_pull_what_these_hold():
     plant = read_plant(shipped()["hxd1f_axles"]).plant
     system = SYSTEMS["hxd1f"]

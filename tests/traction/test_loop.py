@@ -321,6 +321,7 @@ def quick(**parts):
     return dataclasses.replace(loop, **parts)
 
 
+@pytest.mark.long
 def test_a_driver_can_only_be_lowered_and_dead_time_delays():
     loop = quick(driver=Driver(traction=300.0))
     found = _trace(loop, grid_of("hxd1f", loop, 0.2), KEY)
@@ -480,6 +481,7 @@ def test_the_lyapunov_function_starts_at_its_value():
     assert float(met[0, 0]) == pytest.approx(3.79014**2 / 2, rel=1e-3)
 
 
+@pytest.mark.long
 def test_tunings_are_a_vmap_over_their_settings():
     gains = jnp.array([10.0, 20.0, 40.0])
     loop = quick(observer=OBSERVERS["true-load"], seeker=SEEKERS["true-optimum"])

@@ -92,6 +92,7 @@ def test_the_printed_seeker_of_uyulan_estimates_as_it_does():
     np.testing.assert_allclose(error(rails), expected, rtol=0.01)
 
 
+@pytest.mark.long
 def test_differential_acceleration_uses_less_than_the_seeker():
     used = utilisation("DAC")
     np.testing.assert_allclose(used, [0.854, 0.666, 0.605], atol=0.02)
