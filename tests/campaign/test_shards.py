@@ -180,7 +180,7 @@ def test_what_is_stored_is_what_was_computed(small, tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "gone", "empty"])
-@pytest.mark.parametrize("kind", ["npz", "parquet"])
+@pytest.mark.parametrize("kind", ["npz", pytest.param("parquet", marks=pytest.mark.long)])
 def test_a_damaged_shard_is_computed_again(tmp_path, damage, kind):
     config = dataclasses.replace(SMALL, runs=200)
     written(tmp_path, config)

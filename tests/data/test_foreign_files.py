@@ -20,7 +20,11 @@ def tell(ending, place, tmp_path):
 
 @pytest.mark.parametrize(
     ("ending", "place"),
-    [(ending, place) for ending in FOREIGN for place in range(len(FOREIGN[ending]))],
+    [
+        pytest.param(ending, place, marks=pytest.mark.long if place else ())
+        for ending in FOREIGN
+        for place in range(len(FOREIGN[ending]))
+    ],
 )
 def test_what_the_libraries_wrote_is_read(ending, place, tmp_path):
     table, notes = tell(ending, place, tmp_path)

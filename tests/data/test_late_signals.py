@@ -35,7 +35,9 @@ def said(log):
 
 @pytest.mark.parametrize(
     ("seed", "late", "which"),
-    lanes(itertools.product(range(3), [0.2, 0.1], ["vehicle", "wheel"]), always=4, thorough=8),
+    lanes(
+        itertools.product(range(3), [0.2, 0.1], ["vehicle", "wheel"]), always=2, thorough=8, long=2
+    ),
 )
 def test_a_late_speed_is_told_with_its_error(seed, late, which):
     """The delay was put in by hand; the estimate is within four of its errors, and 3 ms."""
@@ -46,7 +48,7 @@ def test_a_late_speed_is_told_with_its_error(seed, late, which):
 
 
 @pytest.mark.parametrize(
-    ("seed", "step"), lanes(itertools.product(range(6), [0.05, 0.01]), always=4, thorough=8)
+    ("seed", "step"), lanes(itertools.product(range(6), [0.05, 0.01]), always=2, thorough=8, long=2)
 )
 def test_nothing_is_said_of_signals_in_time_with_each_other(seed, step):
     assert said(trip(seed, seconds=600.0, step=step)) is None

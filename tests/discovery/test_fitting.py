@@ -194,6 +194,7 @@ def test_loss_gradient_and_hessian_are_the_sums_over_each_run(setting, fitted):
         )
 
 
+@pytest.mark.long
 def test_the_derivatives_by_a_term_that_moves_the_slip_are_those_of_the_law(setting):
     """Of curve and departure: the factors stand at .02, so that the departure slopes."""
     moving = Covariate(0.1, 0.0, 0.6, column="warm", acts_on="slip")

@@ -149,7 +149,7 @@ def solve(solver, residual, start, lower, upper, steps=100):
     return _solved(solver, residual, start, lower, upper, steps)
 
 
-@pytest.mark.parametrize("solver", lanes(SOLVERS, always=3, thorough=2))
+@pytest.mark.parametrize("solver", lanes(SOLVERS, always=2, thorough=2, long=1))
 def test_an_optimum_inside_the_box_is_found_to_full_precision(solver):
     free = solve(solver, away_from_a_wave, [0.5, 4.0], [-jnp.inf] * 2, [jnp.inf] * 2)
     boxed = solve(solver, away_from_a_wave, [0.5, 4.0], [0.1, 1.0], [1.0, 50.0])
@@ -160,7 +160,7 @@ def test_an_optimum_inside_the_box_is_found_to_full_precision(solver):
     assert not jnp.any(on_bound(boxed.x, jnp.array([0.1, 1.0]), jnp.array([1.0, 50.0])))
 
 
-@pytest.mark.parametrize("solver", lanes(SOLVERS, always=3, thorough=2))
+@pytest.mark.parametrize("solver", lanes(SOLVERS, always=2, thorough=2, long=1))
 def test_the_box_is_respected_where_the_optimum_lies_outside(solver):
     lower, upper = [0.1, 1.0], [0.6, 50.0]
     result = solve(solver, away, [0.35, 10.0], lower, upper)
@@ -179,7 +179,7 @@ def test_levenberg_marquardt_reaches_an_optimum_on_a_face(solver):
     assert result.x[0] == pytest.approx(0.6, abs=1e-4)
 
 
-@pytest.mark.parametrize("solver", lanes(SOLVERS, always=3, thorough=2))
+@pytest.mark.parametrize("solver", lanes(SOLVERS, always=2, thorough=2, long=1))
 def test_the_start_is_used(solver):
     # Two equal minima: the one in whose valley the start lies is found.
     def residual(x):
@@ -191,7 +191,7 @@ def test_the_start_is_used(solver):
         assert result.x[0] == pytest.approx(minimum, rel=1e-6)
 
 
-@pytest.mark.parametrize("solver", lanes(SOLVERS, always=3, thorough=2))
+@pytest.mark.parametrize("solver", lanes(SOLVERS, always=2, thorough=2, long=1))
 def test_the_step_cap_is_respected_and_costs_the_claim(solver):
     result = solve(
         solver, lambda x: 10.0 * jnp.stack([x[1] - x[0] ** 2, 0.1 * (1 - x[0])]), [-1.2, 1.0],
@@ -225,7 +225,7 @@ def test_a_batch_gives_what_its_searches_give_alone(solver):
     assert np.mean(together.converged) > 0.9
 
 
-@pytest.mark.parametrize("solver", lanes(SOLVERS, always=3, thorough=2))
+@pytest.mark.parametrize("solver", lanes(SOLVERS, always=2, thorough=2, long=1))
 def test_a_residual_that_is_not_finite_away_from_the_start_is_no_success(solver):
     # The first step from the start enters the region where the logarithm of a negative number
     # stands, and the sum of squares falls towards it: nowhere is there a minimum.
