@@ -47,6 +47,7 @@ def test_the_modules_of_the_commands_and_what_is_said_of_them_are_those_of_the_p
     assert CliRunner().invoke(adhesion, ["--version"]).output.split()[-1] == version("adhesion-jax")
 
 
+@pytest.mark.long
 def test_the_catalogue_is_that_of_the_registries():
     """In a process of its own: other tests put parts of their own into the registries."""
     script = (

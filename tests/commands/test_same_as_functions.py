@@ -42,7 +42,8 @@ ALIKE = {
 }
 
 
-LONG = ("identify", "track", "montecarlo", "discover")
+#: Those that take some seconds are long.
+MARKS = {"plan": (), "discover": pytest.mark.thorough}
 
 
 def contents(folder, clocks):
@@ -63,7 +64,7 @@ def contents(folder, clocks):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.long if one in LONG else ()) for one in ALIKE]
+    "name", [pytest.param(one, marks=MARKS.get(one, pytest.mark.long)) for one in ALIKE]
 )
 def test_a_command_and_its_function_write_the_same(name, tmp_path):
     words, arguments, clocks = ALIKE[name]

@@ -42,7 +42,7 @@ def central(function, at):
     return (function(at + STEP) - function(at - STEP)) / (2 * STEP)
 
 
-@pytest.mark.parametrize("name", lanes(LAWS, always=5, thorough=len(LAWS)))
+@pytest.mark.parametrize("name", lanes(LAWS, always=3, thorough=len(LAWS), long=2))
 def test_by_slip(name):
     law = LAWS[name]
     alone = [float(law(slip, NOW)) for slip in SLIPS]
@@ -53,7 +53,7 @@ def test_by_slip(name):
     np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", lanes(LAWS, always=5, thorough=len(LAWS)))
+@pytest.mark.parametrize("name", lanes(LAWS, always=3, thorough=len(LAWS), long=2))
 def test_by_its_numbers_and_by_conditions(name):
     law, slip = LAWS[name], SLIPS[1]
     slopes = jax.grad(lambda law: law(slip, NOW))(law)

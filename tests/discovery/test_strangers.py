@@ -177,6 +177,7 @@ def reported(monkeypatch, *effects):
     return strangers.one_set(3, 0, False)
 
 
+@pytest.mark.long
 def test_a_claim_is_right_where_it_names_the_column_alone_or_in_a_product(monkeypatch):
     (cause,) = made(0).causes
     columns = ("humming", *cause)

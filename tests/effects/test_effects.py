@@ -162,7 +162,7 @@ STEADY = {name: float(z[7]) for name, z in MEASURED.items() if name != "time_s"}
 }
 
 
-@pytest.mark.parametrize("name", lanes(KINDS, always=10, thorough=10))
+@pytest.mark.parametrize("name", lanes(KINDS, always=5, thorough=10, long=5))
 def test_a_steady_state_has_a_peak_and_is_that_of_a_run_in_which_nothing_changes(name):
     effect = start(name)
     law = CorrectedLaw(BARE, (effect,), {"wear": (2.0, 4.0)}, CALENDAR)

@@ -120,13 +120,12 @@ def peak_row(scenario, options):
     return table[table["quantity"] == "mu_max"].iloc[0]
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "options"),
     [
-        ("coloured", Options(autocorrelation=0.9)),
-        ("mismatch", Options()),
-        ("mismatch-kiencke", Options(rail="wet")),
+        pytest.param("coloured", Options(autocorrelation=0.9), marks=pytest.mark.thorough),
+        pytest.param("mismatch", Options(), marks=pytest.mark.thorough),
+        pytest.param("mismatch-kiencke", Options(rail="wet"), marks=pytest.mark.long),
     ],
 )
 def test_its_interval_holds_the_truth_under_correlated_noise_and_of_another_curve(

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from lanes import lanes
 from scipy.optimize import curve_fit
 
 import adhesion_jax as adhesion
@@ -93,8 +94,9 @@ class Recursive:
         return {"mu_max": self.a0 / (p1 + 2 * p2**0.5), "slip_opt": p2**-0.5, "p1": p1}
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("scenario", ["qian2024-switch", "qian2024"])
+@pytest.mark.parametrize(
+    "scenario", lanes(["qian2024-switch", "qian2024"], always=0, long=1, thorough=1)
+)
 def test_a_class_follows_samples_as_a_recursion_of_the_package_does(scenario):
     asked = {"mine": Recursive, "rls-kiencke": adhesion.IDENTIFIERS["rls-kiencke"]}
     found = adhesion.montecarlo(scenario, asked, runs=2, points=100)

@@ -54,7 +54,7 @@ def same(one, other):
         np.testing.assert_allclose(value, other.values[name], rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", lanes(FORMS, always=2, thorough=2))
+@pytest.mark.parametrize("name", lanes(FORMS, always=1, thorough=2, long=1))
 def test_methods_are_compiled_once_and_mapped_over_streams(name):
     identifier = IDENTIFIERS[name]
     known, taken = records(identifier)

@@ -149,6 +149,7 @@ def true_inflation(x, covariance):
     return np.trace(bend.T @ covariance @ bend) / np.sum(bend**2)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("single_log", [False, True])
 def test_slow_noise_is_not_taken_for_a_departure(single_log):
     """The slip sweeps up once in a run, or again and again in one log."""

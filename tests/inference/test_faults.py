@@ -190,7 +190,7 @@ def test_one_sweep_does_not_tell_a_slow_rail_from_the_shape_of_the_curve():
 @pytest.mark.parametrize(
     ("name", "by", "truths"),
     [
-        ("two_surfaces", "surface", "by_surface"),
+        pytest.param("two_surfaces", "surface", "by_surface", marks=pytest.mark.long),
         pytest.param("rails_in_one_log", "rail", "by_rail", marks=pytest.mark.thorough),
     ],
 )

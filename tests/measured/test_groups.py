@@ -31,6 +31,7 @@ def found():
     return lambda level: aj.identify(table(level), "burckhardt", by="auto")
 
 
+@pytest.mark.long
 def test_the_column_that_predicts_is_found_among_labels_and_levels(found):
     apart = found(0.8)
     assert apart.comparison.by == "rail"

@@ -237,6 +237,7 @@ def test_a_parameter_on_its_bound_is_held_and_the_reason_is_given():
     assert "no peak between slip 0 and 1" in said
 
 
+@pytest.mark.long
 def test_points_at_two_slips_leave_every_fit_a_number_and_its_two_levels():
     """The parameters are not determined; the adhesion at the two slips is."""
     slip = np.repeat([0.02, 0.05], 20)

@@ -66,6 +66,7 @@ def test_the_fit_is_that_of_scipy_inside_the_box_and_on_each_of_its_faces():
     assert len(faces) >= 4  # exactly on the bound, and not on one alone
 
 
+@pytest.mark.long
 def test_a_batch_gives_each_run_what_it_finds_alone_and_takes_its_own_steps():
     # More runs than advance side by side, some near their optimum and some far.
     ys = noisy(77, seed=8)

@@ -314,6 +314,7 @@ def test_new_and_vanished_methods_are_told():
     assert "new" not in comparison.REGRESSIONS
 
 
+@pytest.mark.long
 def test_every_identifier_has_a_home_and_reaches_a_worker_as_it_is():
     places = homes(IDENTIFIERS)
     assert tuple(places) == tuple(IDENTIFIERS)

@@ -112,9 +112,8 @@ def test_every_entrant_runs(name):
     assert np.isfinite(np.asarray(found.sample.adhesion)).all()
 
 
-@pytest.mark.parametrize(
-    "name", ["varpro-offset", pytest.param("ml-pooled", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["varpro-offset", "ml-pooled"])
 def test_an_identifier_finds_as_a_seeker_what_it_finds_alone(name):
     slips, adhesions = sweep()
     adhesions = adhesions + 1e-3 * np.random.default_rng(0).standard_normal(len(slips))
@@ -142,7 +141,7 @@ def test_an_identifier_finds_as_a_seeker_what_it_finds_alone(name):
     np.testing.assert_allclose(peak.slip_error[0], error, rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["varpro", "offset-curve"])
+@pytest.mark.parametrize("name", lanes(["offset-curve", "varpro"], always=1, long=1))
 def test_without_noise_the_peak_is_found_to_one_per_cent(name):
     seeker = ENTRANTS[name].seeker.seeker
     if isinstance(seeker, OffsetCurve):
@@ -235,7 +234,7 @@ def switched(second):
     return by_time(surfaces, [0.0, 0.15], STEP)
 
 
-@pytest.mark.parametrize("name", ["true-optimum", "offset-curve"])
+@pytest.mark.parametrize("name", lanes(["true-optimum", "offset-curve"], always=1, long=1))
 def test_a_rail_that_is_swapped_changes_nothing_before_its_samples(name):
     entrant = ENTRANTS[name]
     one, other = (run(entrant, switched(c)) for c in ((0.2, 60.0, 0.4), (0.2, 15.0, 0.2)))

@@ -164,6 +164,7 @@ def test_a_swing_counts_from_twelve_thousandths_of_adhesion_on_and_stops_learnin
     assert float(judged(energy=strong, rings=0.0995, since=0.05).curve.since[0]) == 0
 
 
+@pytest.mark.long
 def test_braking_is_traction_with_all_signs_turned():
     rng = np.random.default_rng(5)
     count = 400
