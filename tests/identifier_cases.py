@@ -166,6 +166,9 @@ BATCH = [
 #: One method of each form; those that differ from it in numbers alone share its program.
 FORMS = [*{jax.tree.structure(IDENTIFIERS[name]): name for name in reversed(IDENTIFIERS)}.values()]
 
+#: Every other one is tested before a change lands, and not in every run.
+LONG_FORMS = FORMS[1::2]
+
 
 def in_lanes(pairs):
     """Always every other form of a method on its home, before a change lands each one.
@@ -177,7 +180,7 @@ def in_lanes(pairs):
     away = [pair for pair in pairs if pair not in home and pair[0] in FORMS]
     marks = dict.fromkeys(pairs, pytest.mark.slow)
     marks |= dict.fromkeys(away[::12], pytest.mark.thorough) | dict.fromkeys(always, ())
-    marks |= {pair: pytest.mark.long for pair in always if pair[0] in FORMS[1::2]}
+    marks |= {pair: pytest.mark.long for pair in always if pair[0] in LONG_FORMS}
     return [pytest.param(*pair, marks=mark) for pair, mark in marks.items()]
 
 

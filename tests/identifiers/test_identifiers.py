@@ -16,6 +16,7 @@ from identifier_cases import (
     GRADIENT,
     HOME,
     KIENCKE,
+    LONG_FORMS,
     PAIRS,
     RANDOM,
     RUNS,
@@ -126,7 +127,13 @@ def test_values_objective_and_status_are_those_of_the_curve_that_was_found(name,
         np.testing.assert_array_equal(status, np.where(on_box, Status.ON_BOX, Status.TRUSTED))
 
 
-@pytest.mark.parametrize("name", CURVE_METHODS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.long if name in LONG_FORMS else ())
+        for name in CURVE_METHODS
+    ],
+)
 def test_the_same_key_gives_the_same_result_bit_for_bit(name):
     scenario, _, first = small(name, HOME[name])
     _, again = identified(IDENTIFIERS[name], scenario)

@@ -112,11 +112,16 @@ def test_effects_with_a_memory_advance_with_the_train(tmp_path, names):
 def test_the_peak_is_that_at_the_moment_and_without_a_lag(tmp_path):
     effects = (EFFECTS["cleaning"], EFFECTS["relaxation"])
     rails = rails_of_law(saved(tmp_path, *effects)).draw(KEY, 1e-4)
-    state = rails.init(jnp.array([0.1, 0.2]), SPEED)
-    for _ in range(3):
-        passed = Passed(NOW, jnp.array([0.1, 0.2]), jnp.array([0.1, 0.2]), SPEED)
-        state = rails.update(state, passed, 0.5)
-    found, bare = rails.present(state, NOW, NOW, SPEED).peak(SPEED), CURVE.peak({})
+
+    @jax.jit
+    def peaks():
+        state = rails.init(jnp.array([0.1, 0.2]), SPEED)
+        for _ in range(3):
+            passed = Passed(NOW, jnp.array([0.1, 0.2]), jnp.array([0.1, 0.2]), SPEED)
+            state = rails.update(state, passed, 0.5)
+        return rails.present(state, NOW, NOW, SPEED).peak(SPEED), CURVE.peak({})
+
+    found, bare = peaks()
     np.testing.assert_allclose(found.slip, 5.0 * float(bare.slip), rtol=1e-3)
     work = np.abs(CURVE(jnp.array([0.02, 0.04]), {})) * np.array([0.1, 0.2]) * 1.5
     cleaned = 1 + 0.4 * (1 - np.exp(-np.asarray(work) / 0.05))
@@ -128,7 +133,12 @@ def test_a_peak_in_slip_velocity_is_found_however_small_it_is(tmp_path, stiffnes
     path = saved(tmp_path, EFFECTS["cleaning"], curve=Burckhardt(c1=0.3, c2=stiffness, c3=0.15))
     metadata(tmp_path, "slip_velocity_mps", "adhesion")
     rails = rails_of_law(path).draw(KEY, 1e-4)
-    found = rails.present(rails.init(jnp.array([0.1]), SPEED), NOW, NOW, SPEED).peak(SPEED)
+
+    @jax.jit
+    def peak():
+        return rails.present(rails.init(jnp.array([0.1]), SPEED), NOW, NOW, SPEED).peak(SPEED)
+
+    found = peak()
     # d/dv [c1 (1 - exp(-c2 v)) - c3 v] = 0
     best = np.log(0.3 * stiffness / 0.15) / stiffness
     np.testing.assert_allclose(found.slip, best, rtol=1e-3)
