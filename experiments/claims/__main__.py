@@ -20,15 +20,22 @@ from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, RAILS
 from experiments.claims import report
 from experiments.claims.claim import Claim
-from experiments.claims.fang2018 import slope_claims, slope_config
-from experiments.claims.fang2018_control import control_claims
-from experiments.claims.he2018_consistency import (
+from experiments.claims.fang2018 import control_claims
+from experiments.claims.fang2018_slope import slope_claims, slope_config
+from experiments.claims.he2018 import (
     consistency_claims,
     consistency_fits,
     consistency_table,
+    convergence_claims,
+    fact_claims,
 )
-from experiments.claims.he2018_convergence import convergence_claims
-from experiments.claims.he2018_facts import fact_claims
+from experiments.claims.he2018_blocks import (
+    VARIANTS,
+    as_blocks,
+    scatter_claims,
+    tracking_claims,
+    volatility_claims,
+)
 from experiments.claims.he2018_generations import (
     ARRIVED_GAP,
     count_generations,
@@ -36,13 +43,6 @@ from experiments.claims.he2018_generations import (
     generation_panels,
     innovation_claims,
     setting_claims,
-)
-from experiments.claims.he2018_tracking import (
-    VARIANTS,
-    as_blocks,
-    scatter_claims,
-    tracking_claims,
-    volatility_claims,
 )
 from experiments.claims.hxd1f import hxd1f_claims
 from experiments.claims.qian2024 import (
@@ -55,7 +55,7 @@ from experiments.claims.qian2024 import (
     variants,
 )
 from experiments.claims.qian2024_settings import outcomes
-from experiments.claims.settings import Found
+from experiments.claims.traction import Found
 from experiments.claims.uyulan2018 import uyulan_claims
 
 #: Where a search is held against another the effects are small: so many times the runs.

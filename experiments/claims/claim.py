@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-HE2018 = "He et al. 2018"
+Numbers = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 REPRODUCED = "reproduced"
 NOT_REPRODUCED = "not reproduced"
@@ -55,28 +56,6 @@ class Claim(NamedTuple):
     remark: str
 
 
-def judged(
-    paper: str,
-    claim: str,
-    ours: float,
-    unit: str,
-    verdict: Verdict,
-    rests_on: str,
-    remark: str,
-    printed: float = np.nan,
-    error: float = np.nan,
-) -> Claim:
-    """The row of a claim. ValueError where the verdict says more than it rests on.
-
-    On a number that is printed nowhere no claim is reproduced, nor refuted: it holds for a share
-    of the settings, or it is not decided.
-    """
-    settled = verdict.words in (REPRODUCED, NOT_REPRODUCED)
-    if rests_on == ASSUMED and settled:
-        raise ValueError(f"{paper}, {claim}: {verdict.words} rests on an assumption")
-    return Claim(paper, claim, printed, ours, error, unit, *verdict, rests_on, remark)
-
-
 def below(ours: float, error: float, limit: float, runs: int) -> Verdict:
     """Whether a number is below a limit, by more than `STANDARD_ERRORS` of its errors.
 
@@ -108,7 +87,7 @@ def near(ours: float, expected: float, share: float) -> Verdict:
     return holding(bool(is_near(np.array(ours), expected, share)))
 
 
-def is_near(ours: NDArray[np.float64], expected: float, share: float) -> NDArray[np.bool_]:
+def is_near(ours: Numbers, expected: float, share: float) -> Flags:
     return np.asarray(np.abs(ours - expected) <= share * abs(expected))
 
 
@@ -116,7 +95,7 @@ def holding(holds: bool) -> Verdict:
     return Verdict(REPRODUCED if holds else NOT_REPRODUCED)
 
 
-def of_settings(holds: NDArray[np.bool_]) -> Verdict:
+def of_settings(holds: Flags) -> Verdict:
     """The share of the drawn settings for which a claim holds, with the interval of Wilson 1927."""
     found = binomtest(int(np.sum(holds)), len(holds))
     low, high = found.proportion_ci(method="wilson")

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
-from numpy.typing import NDArray
 
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.curves import Scalar
@@ -26,12 +25,10 @@ from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios import Scenario
 from adhesion_jax.wording import plus_minus
-from experiments.claims.bootstrap import resamples, spread
-from experiments.claims.claim import ASSUMED, HE2018, REPAIRED, Claim, below, judged, of_settings
-from experiments.claims.settings import Range, drawn
-from experiments.claims.tiled import over_runs
-
-Numbers = NDArray[np.float64]
+from experiments.claims.claim import Claim, Numbers, below
+from experiments.claims.he2018 import PAPER, over_runs
+from experiments.claims.he2018_blocks import resamples, spread
+from experiments.claims.paper import values
 
 #: Generations [runs, blocks] by (start, steady running or switch), then by method.
 Panels = dict[tuple[str, str], dict[str, Numbers]]
@@ -193,44 +190,20 @@ def generation_claims(panels: Panels, random: np.random.Generator) -> list[Claim
     """Eq. 17 speeds the search: median generations, and searches that never arrive."""
     found = []
     for (start, where), methods in panels.items():
-        plain, scheduled = methods["without Eq. 17"], methods["with Eq. 17"]
-        medians = [median_with_error(x, random) for x in (scheduled, plain)]
-        never = [100 * np.isinf(x) for x in (scheduled, plain)]
-        ratio, error = median_ratio(scheduled, plain, random)
-        words = [plus_minus(value, se) for value, se in medians]
-        found.append(
-            judged(
-                HE2018,
-                f"Eq. 17 speeds convergence: median generations with over without, {start}, "
-                f"{where} (below 1)",
-                ratio,
-                "ratio (1)",
-                below(ratio, error, 1.0, len(plain)),
-                REPAIRED,
-                f"Generations to {ARRIVED_GAP:g} sigma^2 above the optimum: medians {words[0]} "
-                f"with and {words[1]} without Eq. 17, where a search that does not arrive in "
-                f"{GENERATIONS} counts as longer than all others "
-                f"({never[0].mean():.1f} % with, {never[1].mean():.1f} % without).",
-                error=error,
-            )
-        )
-        difference = (never[0] - never[1]).mean(axis=1)
-        more, more_error = _mean_with_error(difference)
-        found.append(
-            judged(
-                HE2018,
-                f"Eq. 17 raises accuracy: searches short of the optimum after {GENERATIONS} "
-                f"generations, with minus without, {start}, {where} (below 0)",
-                more,
-                "% points",
-                below(more, more_error, 0.0, len(plain)),
-                REPAIRED,
-                f"More than {ARRIVED_GAP:g} sigma^2 above it remain {never[0].mean():.2f} % with "
-                f"and {never[1].mean():.2f} % without Eq. 17, on the same data from the same "
-                "initial populations.",
-                error=more_error,
-            )
-        )
+        pair = [methods[name] for name in ("with Eq. 17", "without Eq. 17")]
+        medians = [plus_minus(*median_with_error(x, random)) for x in pair]
+        never = [100 * np.isinf(x) for x in pair]
+        ratio, error = median_ratio(pair[0], pair[1], random)
+        more = (never[0] - never[1]).mean(axis=1)
+        more_error = float(more.std(ddof=1) / np.sqrt(len(more)))
+        facts = {"start": start, "where": where, "gap": ARRIVED_GAP, "most": GENERATIONS}
+        facts |= {"medians": medians, "never": [x.mean() for x in never]}
+        for key, ours, its_error, limit in (
+            ("eq17_speed", ratio, error, 1.0),
+            ("eq17_accuracy", float(more.mean()), more_error, 0.0),
+        ):
+            verdict = below(ours, its_error, limit, len(more))
+            found.append(PAPER.judged(key, ours, verdict, its_error, **facts))
     return found
 
 
@@ -239,33 +212,13 @@ def innovation_claims(panels: Panels, random: np.random.Generator) -> list[Claim
     found = []
     for where in ("steady running", "after a switch"):
         panel = panels["local start (Eq. 16)", where]
-        block, sample = panel["with Eq. 17"], panel["of one sample"]
-        ratio, error = median_ratio(block, sample, random)
-        never = [100 * np.isinf(x).mean() for x in (block, sample)]
-        found.append(
-            judged(
-                HE2018,
-                "The innovation of the block in place of that of one sample speeds the search: "
-                f"median generations over each other, {where} (below 1)",
-                ratio,
-                "ratio (1)",
-                below(ratio, error, 1.0, len(block)),
-                REPAIRED,
-                "The mean size over the block against the size at its last sample, in Eq. 17, with "
-                f"the local start of Eq. 16; {never[0]:.1f} and {never[1]:.1f} % of the searches "
-                f"never arrive in {GENERATIONS} generations.",
-                error=error,
-            )
-        )
+        pair = [panel[name] for name in ("with Eq. 17", "of one sample")]
+        ratio, error = median_ratio(pair[0], pair[1], random)
+        facts = {"where": where, "never": [100 * np.isinf(x).mean() for x in pair]}
+        verdict = below(ratio, error, 1.0, len(pair[0]))
+        found.append(PAPER.judged("innovation", ratio, verdict, error, most=GENERATIONS, **facts))
     return found
 
-
-#: What the paper does not print of its searches: the factor of the algorithm without Eq. 17, and
-#: the scale of Eq. 16 as a share of the box.
-RANGES = {
-    "plain": Range(0.5, 0.4, 0.9),
-    "radius": Range(0.1, 0.02, 0.3, by_ratio=True),
-}
 
 #: Runs of a setting, of five blocks each.
 _RUNS = 8
@@ -273,10 +226,10 @@ _RUNS = 8
 
 def setting_claims(scenario: Scenario, seed: int, progress: Callable[[str], None]) -> list[Claim]:
     """The panels at settings of what is not printed, each with the same runs."""
-    settings = drawn(RANGES)
+    settings = PAPER.settings()
     noise = noise_keys(seed, "claims-generations", jnp.arange(_RUNS))
     solver = solver_keys(seed, "claims-generations", "ml-de", jnp.arange(_RUNS))
-    plain, radius = (jnp.array([one[name] for one in settings]) for name in RANGES)
+    plain, radius = (jnp.asarray(values(settings, name)) for name in ("plain", "radius"))
 
     @jax.jit
     def of_settings_drawn(known: Known) -> Int[Array, "settings runs blocks 2 3"]:
@@ -294,25 +247,10 @@ def setting_claims(scenario: Scenario, seed: int, progress: Callable[[str], None
         medians = [np.median(x, axis=(1, 2)) for x in pair]
         never = [100 * np.isinf(x).mean(axis=(1, 2)) for x in pair]
         ratio = medians[0] / np.where(np.isinf(medians[1]), np.nan, medians[1])
-        for words, ours, unit, holds in (
-            ("speeds convergence", ratio, "ratio (1)", medians[0] < medians[1]),
-            ("raises accuracy", never[0] - never[1], "% points", never[0] < never[1]),
+        facts = {"start": start, "where": where, "runs": _RUNS}
+        for key, ours, (scheduled, constant) in (
+            ("settings_speed", ratio, medians),
+            ("settings_accuracy", never[0] - never[1], never),
         ):
-            found.append(
-                judged(
-                    HE2018,
-                    f"Eq. 17 {words} whatever F and the scale of Eq. 16 are, {start}, {where}",
-                    float(ours[0]),
-                    unit,
-                    of_settings(holds[1:]),
-                    ASSUMED,
-                    "F of the algorithm without Eq. 17 between .4 and .9, the scale of Eq. 16 "
-                    f"between 2 and 30 % of the box; {_RUNS} runs a setting, the same for all: "
-                    "what is counted are their medians and their searches that never arrive.",
-                )
-            )
+            found.append(PAPER.over_settings(key, ours, scheduled < constant, **facts))
     return found
-
-
-def _mean_with_error(x: Numbers) -> tuple[float, float]:
-    return float(x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))

@@ -11,101 +11,81 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from adhesion_jax.traction.controllers.linearised import SlidingMode
+from adhesion_jax.traction.controllers.readhesion import DifferentialAcceleration
 from adhesion_jax.traction.loop import Loop
 from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.plants.base import Plant
+from adhesion_jax.traction.plants.reading import read_plant, shipped
+from adhesion_jax.traction.rails import by_time
 from adhesion_jax.traction.signals import Measurement
 from adhesion_jax.traction.surface import with_peak
+from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.hxd1f import STARTS, SURFACES, SYSTEM
-from experiments.claims.claim import (
-    ASSUMED,
-    CANNOT_BE_CHECKED,
-    Claim,
-    Verdict,
-    judged,
-)
-from experiments.claims.hxd1f_settings import (
-    LOAD,
-    RANGES,
-    differential_loop,
-    loop_of,
-    narrow_loop,
-    own_axles_loop,
-    sampled_loop,
-    sliding_loop,
-)
-from experiments.claims.settings import (
+from experiments.claims.claim import Claim, Flags, Numbers
+from experiments.claims.paper import Setting, read_paper, values
+from experiments.claims.traction import (
     Cloud,
-    Flags,
     Found,
-    Numbers,
-    Setting,
-    drawn,
-    over_settings,
-    values,
+    Runs,
+    changed,
+    numbers_of,
+    on_plant,
+    plant_of,
+    runs_of,
+    with_numbers,
 )
-from experiments.claims.traction import Runs, changed, runs_of
 
-_PAPER = "HXD1F 2019"
-_claim = partial(over_settings, _PAPER)
-
+PAPER = read_paper("hxd1f")
 
 #: "Good" use of a rail is read as this share of the largest adhesion, at least.
 _GOOD = 0.9
 
-_SEGMENTS = (*SURFACES,)
-
-
 #: Lags of the torque in s, and upper ends of the interval of the barrier in m/s.
 _INTERVALS = ((2e-4, 0.05), (1e-2, 0.20), (1e-2, 0.22))
+
+#: The load that the observers are to find, N m.
+LOAD = 3000.0
 
 
 def hxd1f_claims(progress: Callable[[str], None]) -> Found:
     """Each form of the loop at our own setting, then at those drawn."""
-    settings = drawn(RANGES)
-    plain = [loop_of(setting) for setting in settings]
-    narrow = [narrow_loop(plain[0], *pair) for pair in _INTERVALS]
-    found = _run([*plain, *narrow])
-    progress("HXD1F 2019")
-    seeking = found.part(0, len(settings))
-    sampled = _run([sampled_loop(loop, sampled=1e-3) for loop in plain])
-    progress("HXD1F 2019, speed held")
-    slow = _run(
-        [
-            changed(loop, observer=FullDimension(jnp.asarray(setting["observer_pole"])))
-            for loop, setting in zip(plain, settings, strict=True)
-        ]
-    )
-    progress("HXD1F 2019, full dimension")
-    differential = _run(
-        [differential_loop(*pair) for pair in zip(plain, settings, strict=True)],
-    )
-    progress("HXD1F 2019, differential acceleration")
+    run = partial(runs_of, SYSTEM, (*SURFACES,), progress)
+    settings = PAPER.settings()
+    plain = [_loop(setting) for setting in settings]
     pairs = [*zip(plain, settings, strict=True)]
-    sliding = _run([*(sliding_loop(*pair) for pair in pairs), sliding_loop(*pairs[0], layer=0.05)])
-    progress("HXD1F 2019, sliding mode")
-    axles = _run([own_axles_loop(loop) for loop in plain])
-    progress("HXD1F 2019, axles of their own")
+    layered = _sliding(*pairs[0], layer=0.05)
+    seeking, narrow = run("HXD1F 2019", plain, [_narrow(plain[0], *ends) for ends in _INTERVALS])
+    (sampled,) = run("HXD1F 2019, speed held", [_sampled(loop) for loop in plain])
+    slow = [changed(loop, observer=_full_dimension(setting)) for loop, setting in pairs]
+    (lagging,) = run("HXD1F 2019, full dimension", slow)
+    other = [_differential(*pair) for pair in pairs]
+    (differential,) = run("HXD1F 2019, differential acceleration", other)
+    by_sign, by_layer = run(
+        "HXD1F 2019, sliding mode", [_sliding(*pair) for pair in pairs], [layered]
+    )
+    (axles,) = run("HXD1F 2019, axles of their own", [_own_axles(loop) for loop in plain])
     held = values(settings, "sampling") >= 0.5
     claims = [
-        *_observers(plain, settings, seeking, slow),
+        *_observers(plain, settings, seeking, lagging),
         _at_the_switches(seeking, sampled, held),
         *_search_times(seeking, sampled, held),
         _snow(seeking, sampled, held),
         _neighbourhood(settings),
         *_against_differential(seeking, differential),
-        *_against_sliding(seeking, sliding),
-        _interval(seeking, found.part(len(settings), len(settings) + len(narrow)), settings),
+        *_against_sliding(seeking, by_sign, by_layer),
+        _interval(seeking, narrow, settings),
         _no_skid(seeking, sampled, held),
         _each_axle(axles),
-        *_beyond_reach(plain[0]),
+        PAPER.judged("hardware"),
+        PAPER.judged("processor", _operations(plain[0]), cycles=150e6 * SYSTEM.step),
     ]
     runs = (seeking, sampled)
     cloud = Cloud(
         "HXD1F 2019: on the dry rail the best slip is found after 1 s",
         "speed k of the seeker (m/s²)",
-        values(settings, "seeker_speed"),
+        values(settings, "seeker.speed"),
         "adhesion used on the dry rail (%)",
         100 * _either([each.figure("utilisation", "dry") for each in runs], held),
         _either([each.figure("t95", "dry") for each in runs], held) <= 1.0,
@@ -113,8 +93,50 @@ def hxd1f_claims(progress: Callable[[str], None]) -> Found:
     return Found(claims, cloud)
 
 
-def _run(loops: Sequence[Loop]) -> Runs:
-    return runs_of(SYSTEM, _SEGMENTS, loops)
+def _loop(setting: Setting) -> Loop:
+    """The paper's own method at a setting, on a speed that is not sampled."""
+    plant = changed(plant_of(SYSTEM), **numbers_of(setting, "plant"))
+    load = plant.load_of(setting["dry"] * jnp.ones(1))[0]
+    plant = changed(plant, torque_limit=setting["torque_over_dry"] * load)
+    slips = {"dry": 0.2, "wet": 0.08, "snow": setting["snow_slip"]}
+    surfaces = [with_peak(setting[name], slip, setting["curve"]) for name, slip in slips.items()]
+    own = SYSTEM.cases(SYSTEM.step)[0]
+    loop = built(SYSTEM, own._replace(rails=by_time(surfaces, STARTS, SYSTEM.step)), plant)
+    loop = with_numbers(loop, setting, "observer", "seeker", "controller")
+    driver = changed(loop.driver, traction=plant.torque_limit)
+    return changed(loop, driver=driver, train_speed=jnp.asarray(setting["train_speed"]))
+
+
+def _sampled(loop: Loop) -> Loop:
+    return changed(loop, sensors=changed(loop.sensors, period=1e-3))
+
+
+def _full_dimension(setting: Setting) -> FullDimension:
+    return FullDimension(jnp.asarray(setting["pole"]))
+
+
+def _narrow(loop: Loop, lag: float, above: float) -> Loop:
+    controller = changed(loop.controller, above=jnp.asarray(above))
+    return changed(on_plant(loop, torque_lag=jnp.asarray(lag)), controller=controller)
+
+
+def _differential(loop: Loop, setting: Setting) -> Loop:
+    numbers = numbers_of(setting, "differential")
+    controller = DifferentialAcceleration(**numbers, least=jnp.asarray(-0.15))
+    return changed(loop, seeker=None, controller=controller)
+
+
+def _sliding(loop: Loop, setting: Setting, layer: float = 0.0) -> Loop:
+    numbers = numbers_of(setting, "sliding")
+    return changed(loop, controller=SlidingMode(**numbers, layer=jnp.asarray(layer)))
+
+
+def _own_axles(loop: Loop) -> Loop:
+    """Two units of four axles, each axle with its own load and its own control."""
+    plant = read_plant(shipped()["hxd1f_axles"]).plant
+    known = (*numbers_of(PAPER.settings()[0], "plant"), "torque_limit")
+    plant = changed(plant, **{name: getattr(loop.plant, name) for name in known})
+    return changed(loop, plant=plant, nominal=plant, slip=jnp.zeros_like(plant.radius))
 
 
 @jax.jit
@@ -159,35 +181,19 @@ def _observers(
 ) -> list[Claim]:
     plants = [loop.nominal for loop in loops]
     sliding, left = settling([loop.observer for loop in loops], plants)
-    poles = [FullDimension(jnp.asarray(setting["observer_pole"])) for setting in settings]
-    double, _ = settling(poles, plants)
+    double, _ = settling([_full_dimension(setting) for setting in settings], plants)
     wet = [float(runs.figure("utilisation", "wet")[0]) for runs in (seeking, slow)]
     return [
-        _claim(
-            "The sliding observer tracks adhesion after .025 s (Fig. 10)",
+        PAPER.over_settings("observer_time", sliding, sliding <= 0.025),
+        PAPER.over_settings("observer_error", 100 * left, left < 1e-3),
+        PAPER.over_settings(
+            "observer_faster",
             sliding,
-            "s",
-            sliding <= 0.025,
-            "Until it stays within 2 % of a constant load, as a mean over 2 ms.",
-            printed=0.025,
-        ),
-        _claim(
-            "The error of the sliding observer converges to zero in a finite time (Theorem 1)",
-            100 * left,
-            "% of the load",
-            left < 1e-3,
-            "What is left of the error between .1 and .2 s, as a mean; less than .1 % counts as "
-            "zero. The sliding mode chatters around it with the step of 0.1 ms.",
-        ),
-        _claim(
-            "The sliding observer is faster than the full-dimension one (Fig. 10 and 18)",
-            sliding,
-            "s",
             sliding < double,
-            f"A double pole at -233 1/s needs {double[0]:.3f} s; one at {-5.83 / sliding[0]:.0f} "
-            "1/s would be as fast, with more noise. With the slower one the seeker uses "
-            f"{100 * wet[1]:.0f} % of the wet rail instead of {100 * wet[0]:.0f} %: there the lag "
-            "decides. That number is one of a limit cycle, and of the machine.",
+            double=double[0],
+            pole=-5.83 / sliding[0],
+            slower=100 * wet[1],
+            faster=100 * wet[0],
         ),
     ]
 
@@ -207,15 +213,7 @@ def _at_the_switches(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
         return np.max(np.array(rms) / np.array(largest), axis=0)
 
     ours = 100 * _either([worst(seeking), worst(sampled)], held)
-    return _claim(
-        "After the switches at 5 and 10 s the adhesion observed is accurate (Fig. 10; RMSE below "
-        "5 % of the largest)",
-        ours,
-        "% of the largest adhesion",
-        ours < 5.0,
-        "From .025 s after a switch on, for half a second, on the worse of the two rails. A "
-        "sliding mode chatters around the load, the more so where the speed is held for 1 ms.",
-    )
+    return PAPER.over_settings("switches", ours, ours < 5.0)
 
 
 def _search_times(seeking: Runs, sampled: Runs, held: Flags) -> list[Claim]:
@@ -226,16 +224,15 @@ def _search_times(seeking: Runs, sampled: Runs, held: Flags) -> list[Claim]:
         kept = _either([runs.figure("utilisation", surface) for runs in (seeking, sampled)], held)
         shares = [100 * np.mean(times[1:] <= printed) for times in (plain, with_held)]
         found.append(
-            _claim(
-                f"On the {surface} rail the best slip is found after {printed:g} s (Fig. 12)",
+            PAPER.over_settings(
+                "search",
                 ours,
-                "s",
                 ours <= printed,
-                f"From when on 95 % of the largest adhesion is kept for .3 s; {100 * kept[0]:.1f} "
-                f"% is used over the five seconds at our setting, and {100 * np.median(kept):.0f} "
-                f"% in the median. All settings with a speed that is not sampled: {shares[0]:.0f} "
-                f"% of them; all with one that is held for 1 ms: {shares[1]:.0f} %.",
+                surface=surface,
                 printed=printed,
+                kept=100 * kept[0],
+                median=100 * np.median(kept),
+                shares=shares,
             )
         )
     return found
@@ -243,13 +240,8 @@ def _search_times(seeking: Runs, sampled: Runs, held: Flags) -> list[Claim]:
 
 def _snow(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
     used = _either([runs.figure("utilisation", "snow") for runs in (seeking, sampled)], held)
-    return _claim(
-        f"On snow the search is good too (at least {_GOOD:.0%} of the largest adhesion)",
-        100 * used,
-        "% of the largest adhesion",
-        used >= _GOOD,
-        f"The median of the settings is {100 * np.median(used):.0f} %. At our setting it never "
-        "keeps 95 % for .3 s: the limit cycle around the peak is wider there.",
+    return PAPER.over_settings(
+        "snow", 100 * used, used >= _GOOD, good=_GOOD, median=100 * np.median(used)
     )
 
 
@@ -261,7 +253,7 @@ def _neighbourhood(settings: Sequence[Setting]) -> Claim:
         slips = jnp.linspace(1e-4, 6 * best, 60_000)
         law = with_peak(largest, best, one["curve"])
         slope = np.abs(np.asarray(jax.vmap(jax.grad(law))(slips, jnp.full_like(slips, 5.0))))
-        enough = slope > one["seeker_rise"] / one["seeker_speed"]
+        enough = slope > one["seeker.rise"] / one["seeker.speed"]
         left, right = (np.asarray(slips)[enough & side] for side in (slips < best, slips > best))
         return best - (float(left.max()) if len(left) else 0.0), len(right) > 0
 
@@ -274,18 +266,13 @@ def _neighbourhood(settings: Sequence[Setting]) -> Claim:
     wide = {name: band for name, ((band, _), *_) in found.items()}
     beyond = np.array([[right for _, right in rows] for rows in found.values()])
     share = np.array([band for band, _ in found["dry"]]) / 0.2
-    return _claim(
-        "The slip converges in the neighbourhood of the optimum (Theorem 4, Remarks 5 and 6; "
-        "nearer than half of the best slip on the dry rail)",
+    return PAPER.over_settings(
+        "neighbourhood",
         100 * share,
-        "% of the best slip",
         share < 0.5,
-        "It slides where k |dμ/dv| > rho, so up to "
-        f"{wide['dry']:.2f} m/s below the best slip on the dry rail, {wide['wet']:.3f} on "
-        f"the wet and {wide['snow']:.3f} on the snowy one: nearer than that nothing draws it "
-        "to the peak. Beyond the peak, Case 1 of the theorem, the curves are "
-        f"{'somewhere' if beyond[:, 0].any() else 'nowhere'} steep enough at our setting, and on "
-        f"some rail in {100 * np.mean(beyond[:, 1:].any(axis=0)):.0f} % of the settings.",
+        **wide,
+        where="somewhere" if beyond[:, 0].any() else "nowhere",
+        beyond=100 * np.mean(beyond[:, 1:].any(axis=0)),
     )
 
 
@@ -297,31 +284,20 @@ def _against_differential(seeking: Runs, differential: Runs) -> list[Claim]:
     used = [runs.figure("utilisation") for runs in (seeking, differential)]
     pull = [np.asarray(runs.trace.sample.pull).mean(axis=1) for runs in (seeking, differential)]
     return [
-        _claim(
-            "Differential acceleration control swings more in slip than the seeker (Fig. 12)",
-            swings[1] / swings[0],
-            "times its deviation",
-            swings[1] > swings[0],
-            f"Standard deviations of slip from 2 to 5 s on the dry rail, {swings[1][0]:.3f} and "
-            f"{swings[0][0]:.3f} m/s at our setting.",
-        ),
-        _claim(
-            "Differential acceleration control is slow at the start (Fig. 12 and 13)",
+        PAPER.over_settings("swings", swings[1] / swings[0], swings[1] > swings[0], swings=swings),
+        PAPER.over_settings(
+            "slow_start",
             differential.figure("utilisation", "dry") * 100,
-            "% of the dry rail",
             reached > sought,
-            "Until 95 % of the largest adhesion is kept for .3 s on the dry rail, later than the "
-            "seeker or never; a setting in which neither ever keeps it counts against the claim. "
-            f"At our setting it {_when(reached[0])}, the seeker {_when(sought[0])}.",
+            reached=_when(reached[0]),
+            sought=_when(sought[0]),
         ),
-        _claim(
-            "The locomotive achieves maximum traction: it pulls more than with differential "
-            "acceleration control",
+        PAPER.over_settings(
+            "traction",
             pull[0] / pull[1],
-            "times the mean force",
             pull[0] > pull[1],
-            f"Over all three rails the seeker uses {100 * used[0][0]:.1f} % of the adhesion at our "
-            f"setting, the other {100 * used[1][0]:.1f} %.",
+            used=100 * used[0][0],
+            other=100 * used[1][0],
         ),
     ]
 
@@ -330,29 +306,19 @@ def _when(time: float) -> str:
     return f"does so after {time:.2f} s" if np.isfinite(time) else "never does"
 
 
-def _against_sliding(seeking: Runs, sliding: Runs) -> list[Claim]:
-    layer = sliding.part(len(sliding.trace.time) - 1, len(sliding.trace.time))
-    sign = sliding.part(0, len(seeking.trace.time))
+def _against_sliding(seeking: Runs, sign: Runs, layer: Runs) -> list[Claim]:
     varied = [runs.figure("torque_variation", "dry") for runs in (seeking, sign, layer)]
     lost = [runs.figure("slip_energy_share") for runs in (seeking, sign)]
     return [
-        _claim(
-            "The barrier controller has a smoother torque than a sliding mode (Fig. 15)",
-            varied[1] / varied[0],
-            "times its variation",
-            varied[1] > varied[0],
-            f"On the dry rail {varied[0][0]:.1f} against {varied[1][0]:.0f} kN m/s at our setting, "
-            f"and {varied[2][0]:.1f} kN m/s where the sliding mode has a layer of .05 m/s: what is "
-            "smoother is the absence of a sign, not the barrier.",
+        PAPER.over_settings(
+            "smoother", varied[1] / varied[0], varied[1] > varied[0], varied=varied
         ),
-        _claim(
-            "The barrier controller reduces the loss against a sliding mode (Fig. 15)",
+        PAPER.over_settings(
+            "loss",
             lost[1] / lost[0],
-            "times its slip energy",
             lost[1] > lost[0],
-            "Energy lost in the contact per useful work over the three rails, "
-            f"{100 * lost[0][0]:.2f} % against {100 * lost[1][0]:.2f} % at our setting. Chatter "
-            "helps the seeker along, and so it may lose more.",
+            barrier=100 * lost[0][0],
+            sign=100 * lost[1][0],
         ),
     ]
 
@@ -363,21 +329,15 @@ def _largest_error(runs: Runs) -> Numbers:
 
 def _interval(seeking: Runs, narrow: Runs, settings: Sequence[Setting]) -> Claim:
     """Theorem 7 is about a torque without lag; with one the interval must be wide enough."""
-    above = values(settings, "barrier_above")
+    above = values(settings, "controller.above")
     ours = _largest_error(seeking)
     quick, *slow = _largest_error(narrow)
     told = ", ".join(
         f"{limit:g} m/s: {error:.3f}"
         for (_, limit), error in zip(_INTERVALS[1:], slow, strict=True)
     )
-    return _claim(
-        "The error stays within the interval of the barrier (Theorem 7)",
-        ours,
-        "m/s",
-        ours < above,
-        f"At our setting the interval ends at {above[0]:g} m/s. The theorem knows no lag of the "
-        f"torque: with one of .2 ms an interval of .05 m/s holds an error of {quick:.3f} m/s; with "
-        f"one of 10 ms the largest error is, for intervals of {told}.",
+    return PAPER.over_settings(
+        "interval", ours, ours < above, above=above[0], quick=quick, told=told
     )
 
 
@@ -393,14 +353,13 @@ def _no_skid(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
 
     ours = _either([worst(seeking), worst(sampled)], held)
     furthest = np.max(np.abs(seeking.axle("slip")) / np.abs(seeking.axle("optimum")), axis=1)
-    return _claim(
-        "The wheels do not skid when the rail changes (never beyond twice the best slip)",
+    return PAPER.over_settings(
+        "skid",
         ours,
-        "s beyond twice the best slip",
         ours == 0.0,
-        f"Slip goes to {seeking.axle('slip')[0].max():.2f} m/s at our setting, "
-        f"{furthest[0]:.1f} times the best slip of its rail. For less than the second that a "
-        f"search takes it is beyond in {100 * np.mean(ours[1:] < 1.0):.0f} % of the settings.",
+        slip=seeking.axle("slip")[0].max(),
+        furthest=furthest[0],
+        briefly=100 * np.mean(ours[1:] < 1.0),
     )
 
 
@@ -408,14 +367,8 @@ def _each_axle(axles: Runs) -> Claim:
     sample = axles.trace.sample
     used = np.mean(np.asarray(sample.adhesion) / np.asarray(sample.largest), axis=1)
     worst = used.min(axis=1)
-    return _claim(
-        f"Eight axles of two units, each with its own load, use the rails (at least {_GOOD:.0%} "
-        "each)",
-        100 * worst,
-        "% of the largest adhesion, worst axle",
-        worst >= _GOOD,
-        f"Each axle has an observer, a seeker and a barrier of its own. At our setting the best "
-        f"axle uses {100 * used[0].max():.1f} %; what a leading axle loses in load the last gains.",
+    return PAPER.over_settings(
+        "axles", 100 * worst, worst >= _GOOD, good=_GOOD, best=100 * used[0].max()
     )
 
 
@@ -427,26 +380,3 @@ def _operations(loop: Loop) -> int:
     traced = jax.make_jaxpr(loop.observer.update)(state, loop.nominal, measured, none, SYSTEM.step)
     moved = {"broadcast_in_dim", "convert_element_type"}
     return sum(one.primitive.name not in moved for one in traced.eqns)
-
-
-def _beyond_reach(loop: Loop) -> list[Claim]:
-    cycles = 150e6 * SYSTEM.step
-    return [
-        judged(_PAPER, claim, ours, unit, Verdict(CANNOT_BE_CHECKED), ASSUMED, remark)
-        for claim, ours, unit, remark in (
-            (
-                "Hardware in the loop shows the same (Fig. 18 to 21)",
-                np.nan,
-                "",
-                "Its parameters and its figures' numbers are not printed.",
-            ),
-            (
-                "The method runs on a signal processor TMS320F2812",
-                float(_operations(loop)),
-                "operations a step of the observer",
-                "A processor of 150 MHz with fixed-point numbers. Neither the period of the "
-                f"control nor the load of the processor is printed; a step of .1 ms is "
-                f"{cycles:.0f} cycles, and in the operations there is one cube root.",
-            ),
-        )
-    ]

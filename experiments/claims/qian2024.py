@@ -14,11 +14,8 @@ from adhesion_jax.campaign.job import Config
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.identifiers.qp_qian2024 import QuadraticProgram, variant
 from adhesion_jax.scenarios import Options
-from experiments.claims.claim import ASSUMED, Claim, judged, of_settings
-from experiments.claims.qian2024_settings import Outcomes
-from experiments.claims.settings import Numbers
-
-QIAN2024 = "Qian et al. 2024"
+from experiments.claims.claim import Claim, Numbers, of_settings
+from experiments.claims.qian2024_settings import PAPER, Outcomes
 
 #: Quantity, samples seen, and the paper's error in per cent.
 READINGS = (("p1", 30, 1.0), ("p2", 250, 1.0), ("mu_max", 230, 0.1))
@@ -60,22 +57,10 @@ def reading_claims(config: Config, drawn: Outcomes, progress: Callable[[str], No
         share = 100 * rows[["rmse", "rmse_se", "crlb"]].div(rows["truth"], axis=0)
         ours, error, bound = map(float, share.loc["qp-qian2024-1"].to_numpy())
         peer = share["rmse"].to_dict()["riv"]
-        of_settings_drawn = 100 * drawn.readings[quantity][1:]
-        found.append(
-            judged(
-                QIAN2024,
-                f"{quantity} is known to {percent:g} % after {k} samples (RMSE of Algorithm 1)",
-                float(ours),
-                "% of truth",
-                of_settings(of_settings_drawn < percent),
-                ASSUMED,
-                f"At our setting no unbiased estimate can have less than {bound:.3g} %; riv has "
-                f"{peer:.3g} %. The median of the settings is "
-                f"{np.median(of_settings_drawn):.3g} %.",
-                percent,
-                float(error),
-            )
-        )
+        others = 100 * drawn.readings[quantity][1:]
+        facts = {"quantity": quantity, "k": k, "bound": bound, "peer": peer}
+        facts |= {"median": np.median(others), "printed": percent}
+        found.append(PAPER.judged("reading", ours, of_settings(others < percent), error, **facts))
     return found
 
 
@@ -129,79 +114,39 @@ def factorial_claims(table: pd.DataFrame, drawn: Outcomes) -> list[Claim]:
             np.hypot(*(row[f"{outcome}_se"] / row[outcome] for row in (first, second)))
         )
         values = getattr(drawn, outcome)
-        found.append(
-            _smaller(
-                f"Algorithm 1 against 2: {words}",
-                ratio,
-                values[:, -1] / values[:, 0],
-                f"{_number(outcome, first[outcome])} against {_number(outcome, second[outcome])} "
-                "at our setting.",
-                error,
-            )
-        )
+        told = (_number(outcome, row[outcome]) for row in (first, second))
+        facts = {"words": words, **dict(zip(("first", "second"), told, strict=True))}
+        found.append(_smaller("algorithms", ratio, values[:, -1] / values[:, 0], error, **facts))
     for factor, (before, after) in FACTORS.items():
         sign = np.where(table[factor] == 1, 1.0, -1.0) / (len(table) / 2)
         for outcome, words in OUTCOMES.items():
             ratio, error = effect(table, factor, outcome)
-            found.append(
-                _smaller(
-                    f"{factor} {after} instead of {before}: {words}",
-                    ratio,
-                    np.exp(np.log(getattr(drawn, outcome)) @ sign),
-                    "The paper changes weight, range and redistribution at once; this is the "
-                    "geometric mean over the settings of the other two.",
-                    error,
-                )
-            )
+            ratios = np.exp(np.log(getattr(drawn, outcome)) @ sign)
+            facts = {"factor": factor, "before": before, "after": after, "words": words}
+            found.append(_smaller("factor", ratio, ratios, error, **facts))
     return found
 
 
 def other_claims(drawn: Outcomes) -> list[Claim]:
     """The fluctuation of the estimate, the filter that is announced, and S as printed."""
     fluctuation, filtered = drawn.fluctuation, drawn.filtered / drawn.waving
-    acts = 100 * drawn.acts
+    calmer, acts = fluctuation[:, -1] / fluctuation[:, 0], 100 * drawn.acts
+    deviations, share = acts[0, 1], 100 * np.mean(acts[1:, 1] > 0)
+    variances = acts[:, 0]
+    facts = {"deviations": deviations, "share": share}
     return [
-        _smaller(
-            "Algorithm 1 against 2: fluctuation of mu_max from sample to sample before the switch",
-            float(fluctuation[0, -1] / fluctuation[0, 0]),
-            fluctuation[:, -1] / fluctuation[:, 0],
-            "Mean size of the change of the estimate from one sample to the next.",
-        ),
-        _smaller(
-            "With an FIR filter of the signals (announced as the next step): RMSE of mu_max before "
-            "the switch",
-            float(filtered[0]),
-            filtered,
-            "Moving means over five samples of slip and of adhesion, before Algorithm 1, where "
-            "slip goes up and down in 100 samples. Slips drawn anew at every sample cannot be "
-            "filtered: the mean of the adhesion is not that at the mean of the slips.",
-        ),
-        judged(
-            QIAN2024,
-            "Weights are redistributed where S says so (Eq. 14 to 17 with variances as printed)",
-            float(acts[0, 0]),
-            "% of samples",
-            of_settings(acts[1:, 0] > 0),
-            ASSUMED,
-            "S over variances has another unit than the interval; with standard deviations the "
-            f"test acts in {acts[0, 1]:.1f} % of the samples at our setting, and in "
-            f"{100 * np.mean(acts[1:, 1] > 0):.0f} % of the settings at all.",
-        ),
+        _smaller("fluctuation", calmer[0], calmer),
+        _smaller("filter", filtered[0], filtered),
+        PAPER.over_settings("redistribution", variances, variances > 0, **facts),
     ]
 
 
-def _smaller(words: str, ratio: float, drawn: Numbers, remark: str, error: float = np.nan) -> Claim:
-    return judged(
-        QIAN2024,
-        f"{words} is smaller (ratio below 1)",
-        ratio,
-        "ratio (1)",
-        of_settings(drawn[1:] < 1),
-        ASSUMED,
-        f"{remark} The settings have {np.quantile(drawn[1:], 0.1):.2g} to "
-        f"{np.quantile(drawn[1:], 0.9):.2g}, from tenth to tenth.",
-        error=error,
-    )
+def _smaller(
+    key: str, ratio: float, drawn: Numbers, error: float = np.nan, **facts: object
+) -> Claim:
+    """Whether a ratio is below 1 in the settings drawn, whatever it is at ours with many runs."""
+    low, high = np.quantile(drawn[1:], (0.1, 0.9))
+    return PAPER.judged(key, ratio, of_settings(drawn[1:] < 1), error, low=low, high=high, **facts)
 
 
 def _number(outcome: str, value: float) -> str:

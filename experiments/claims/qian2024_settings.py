@@ -14,21 +14,11 @@ from adhesion_jax.identifiers.online import Sample
 from adhesion_jax.identifiers.qp_qian2024 import ProgramRecursion, QuadraticProgram
 from adhesion_jax.records import Known
 from adhesion_jax.scenarios.rails import QIAN2024
-from experiments.claims.settings import Numbers, Range, drawn
+from experiments.claims.claim import Numbers
+from experiments.claims.paper import read_paper, values
 
-#: a0 is drawn as a multiple of the slope at which the rise is as steep as two thirds of the way to
-#: the peak, 2 mu_max/l_m; the rail after the switch as shares of the dry one.
-RANGES = {
-    "steepness": Range(2.565, 1.2, 4.0, by_ratio=True),
-    "best_slip": Range(0.1, 0.05, 0.2, by_ratio=True),
-    "largest": Range(0.78, 0.3, 0.8),
-    "after": Range(0.383, 0.3, 0.7),
-    "sigma": Range(0.01, 0.003, 0.03, by_ratio=True),
-    "slip_end": Range(0.2, 0.1, 0.4, by_ratio=True),
-    "gain": Range(2.0, 0.5, 5.0, by_ratio=True),
-    "low": Range(-0.8, -0.95, -0.3),
-    "width": Range(0.1, 0.02, 0.4, by_ratio=True),
-}
+PAPER = read_paper("qian2024")
+
 
 #: Samples before and after the switch, and runs of a setting.
 _HALF, _RUNS = 500, 64
@@ -80,8 +70,8 @@ def outcomes(
     variants: Mapping[str, QuadraticProgram], seed: int, progress: Callable[[str], None]
 ) -> Outcomes:
     """Every setting on the same random numbers; each variant on the same data."""
-    settings = drawn(RANGES)
-    numbers = {name: jnp.array([one[name] for one in settings]) for name in settings[0]}
+    settings = PAPER.settings()
+    numbers = {name: jnp.asarray(values(settings, name)) for name in PAPER.ranges}
     stacked = jax.tree.map(lambda *x: jnp.stack([*map(jnp.asarray, x)]), *variants.values())
     keys = jax.random.split(jax.random.key(seed), _RUNS)
 

@@ -8,17 +8,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.report.montecarlo.figures import LABELS
 from adhesion_jax.report.rendering import with_errors
 from adhesion_jax.report.style import line_styles
-from experiments.claims.claim import Claim
-from experiments.claims.he2018_consistency import Fit
-from experiments.claims.settings import Cloud
-
-Array = NDArray[np.float64]
+from experiments.claims.claim import Claim, Numbers
+from experiments.claims.he2018 import Fit
+from experiments.claims.traction import Cloud
 
 
 def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
@@ -130,7 +127,7 @@ def consistency(path: Path, table: pd.DataFrame, fits: Mapping[str, Fit]) -> Non
 
 
 def generations(
-    path: Path, needed: Mapping[tuple[str, str], Mapping[str, Array]], most: int, goal: str
+    path: Path, needed: Mapping[tuple[str, str], Mapping[str, Numbers]], most: int, goal: str
 ) -> None:
     """Share of the runs that have reached the optimum, against the generation.
 

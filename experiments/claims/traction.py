@@ -1,18 +1,22 @@
 """The runs of a traction system without noise, side by side, for its claims."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from adhesion_jax.campaign.loops import computed
+from adhesion_jax.report.traction.panels import Panel
 from adhesion_jax.traction.loop import Loop, Timing, Trace, timing
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.systems.base import System
-from experiments.claims.settings import Numbers
+from experiments.claims.claim import Claim, Flags, Numbers
+from experiments.claims.paper import Setting
 
 Part = TypeVar("Part")
 
@@ -27,6 +31,10 @@ class Runs(NamedTuple):
     def figure(self, name: str, segment: str = "all") -> Numbers:
         return self.figures[name][:, list(self.segments).index(segment)]
 
+    def each(self, name: str, segments: Sequence[str] = ()) -> Numbers:
+        """On these segments, by default on all: [segments, runs]."""
+        return np.array([self.figure(name, one) for one in segments or self.segments[:-1]])
+
     def axle(self, name: str) -> Numbers:
         """A signal of the first axle, [runs, rows]."""
         return np.asarray(getattr(self.trace.sample, name))[..., 0]
@@ -35,11 +43,26 @@ class Runs(NamedTuple):
     def time(self) -> Numbers:
         return np.asarray(self.trace.time)[0]
 
-    def part(self, first: int, last: int | None) -> "Runs":
-        """Some of the runs."""
-        figures = {name: values[first:last] for name, values in self.figures.items()}
-        rows = jax.tree.map(lambda values: values[first:last], self.trace)
-        return Runs(self.segments, figures, rows)
+
+class Cloud(NamedTuple):
+    """A claim over the settings, our own first: what is drawn of it."""
+
+    title: str
+    x_label: str
+    x: Numbers
+    y_label: str
+    y: Numbers
+    holds: Flags
+
+
+class Found(NamedTuple):
+    """The claims of a control system, the one over the settings that matters most, and more to
+    draw.
+    """
+
+    claims: Sequence[Claim]
+    cloud: Cloud
+    panels: Sequence[Panel] = ()
 
 
 def plant_of(system: System) -> Plant:
@@ -51,11 +74,42 @@ def changed(part: Part, **numbers: Any) -> Part:
     return dataclasses.replace(part, **numbers)  # type: ignore[type-var]
 
 
+def numbers_of(setting: Setting, part: str) -> dict[str, jax.Array]:
+    """The numbers of a part, whose names are PART.FIELD."""
+    own = [name for name in setting if name.startswith(f"{part}.")]
+    return {name.removeprefix(f"{part}."): jnp.asarray(setting[name]) for name in own}
+
+
+def with_numbers(loop: Loop, setting: Setting, *parts: str) -> Loop:
+    """The loop with the numbers of a setting in these parts."""
+    own = {part: changed(getattr(loop, part), **numbers_of(setting, part)) for part in parts}
+    return changed(loop, **own)
+
+
+def on_plant(loop: Loop, **numbers: Any) -> Loop:
+    """The loop on a plant with other numbers, which it knows."""
+    plant = changed(loop.plant, **numbers)
+    return changed(loop, plant=plant, nominal=plant)
+
+
 def grid_of(system: System, loop: Loop) -> Timing:
     return timing(loop, system.step, system.control_period or system.step, system.duration)
 
 
-def runs_of(system: System, segments: Sequence[str], loops: Sequence[Loop]) -> Runs:
-    """Loops of one form, each once without noise, computed by one program."""
+def runs_of(
+    system: System,
+    segments: Sequence[str],
+    progress: Callable[[str], None],
+    words: str,
+    *kinds: Sequence[Loop],
+) -> list[Runs]:
+    """Each kind of loops, each loop once without noise; all are computed by one program."""
+    loops = [loop for kind in kinds for loop in kind]
     found = computed(loops, grid_of(system, loops[0]), 0, "", range(len(loops)), drawn=True)
-    return Runs([*segments, "all"], found.figures, found.course)
+    progress(words)
+
+    def part(rows: slice) -> Runs:
+        figures = {name: values[rows] for name, values in found.figures.items()}
+        return Runs([*segments, "all"], figures, jax.tree.map(lambda x: x[rows], found.course))
+
+    return [part(slice(*ends)) for ends in pairwise(accumulate(map(len, kinds), initial=0))]

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from adhesion_jax.report.montecarlo import figures
 from experiments.claims import report as claims
-from experiments.claims.he2018_consistency import Fit
+from experiments.claims.he2018 import Fit
 from experiments.discovery_peers.report import draw_peers
 
 

@@ -17,24 +17,23 @@ from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.scenarios import Options
 from experiments.claims import report
 from experiments.claims.__main__ import main
-from experiments.claims.claim import (
-    ASSUMED,
-    PRINTED,
-    below,
-    equal,
-    holding,
-    judged,
-    near,
-    of_settings,
-)
-from experiments.claims.he2018_consistency import (
+from experiments.claims.claim import below, equal, holding, near, of_settings
+from experiments.claims.he2018 import (
     SIZES,
     consistency_claims,
     consistency_fits,
     consistency_table,
     power_law,
+    slip_at_convergence,
 )
-from experiments.claims.he2018_convergence import slip_at_convergence
+from experiments.claims.he2018_blocks import (
+    VARIANTS,
+    as_blocks,
+    robust_deviation,
+    scatter_ratio,
+    standard_deviation,
+    tracking_claims,
+)
 from experiments.claims.he2018_generations import (
     count_generations,
     generation_claims,
@@ -43,15 +42,7 @@ from experiments.claims.he2018_generations import (
     median_ratio,
     median_with_error,
 )
-from experiments.claims.he2018_tracking import (
-    VARIANTS,
-    as_blocks,
-    robust_deviation,
-    scatter_ratio,
-    standard_deviation,
-    tracking_claims,
-)
-from experiments.claims.settings import Range, drawn
+from experiments.claims.paper import Paper, Range, drawn, read_paper
 
 COLUMNS = [
     *("paper", "claim", "paper_number", "ours", "ours_error", "unit", "verdict"),
@@ -60,7 +51,9 @@ COLUMNS = [
 VERDICT = re.compile(
     r"reproduced|not reproduced|holds for \d+ % of settings|not decided|cannot be checked"
 )
-PUBLISHED = Path(__file__).parents[2] / "results" / "claims.csv"
+ROOT = Path(__file__).parents[2]
+PUBLISHED = ROOT / "results" / "claims.csv"
+PAPERS = sorted((ROOT / "experiments" / "claims").glob("*.toml"))
 
 LOWER, UPPER = jnp.array([0.1, 10.0, 0.05]), jnp.array([1.0, 50.0, 0.5])
 
@@ -128,12 +121,27 @@ def test_a_share_of_settings_has_the_interval_of_wilson(count, words, low, high)
 
 
 def test_what_rests_on_an_assumption_is_neither_reproduced_nor_refuted():
-    given = ("paper", "claim", 1.0, "m/s")
+    said = {"claim": "claim", "remark": "Remark."}
+    paper = Paper("paper", {"assumed": said, "printed": {**said, "rests_on": "printed"}})
     for holds in (True, False):
         with pytest.raises(ValueError, match="rests on an assumption"):
-            judged(*given, holding(holds), ASSUMED, "Remark.")
-        assert judged(*given, holding(holds), PRINTED, "Remark.").rests_on == "printed"
-    assert judged(*given, of_settings(np.ones(64, bool)), ASSUMED, "Remark.").share == 100
+            paper.judged("assumed", 1.0, holding(holds))
+        assert paper.judged("printed", 1.0, holding(holds)).rests_on == "printed"
+    assert paper.judged("assumed", 1.0, of_settings(np.ones(64, bool))).share == 100
+
+
+def test_a_claim_has_its_facts_in_its_words():
+    said = {
+        "claim": "Slip is\n {printed:g} m/s",
+        "unit": "m/s",
+        "remark": "To {to_print:.0%}: {own:.1f}.",
+    }
+    found = Paper("paper", {"slip": said}).over_settings(
+        "slip", np.array([0.5, 1.0, 1.0]), np.array([True, True, False]), printed=0.8, own=2.04
+    )
+    assert (found.claim, found.remark) == ("Slip is 0.8 m/s", "To 1%: 2.0.")
+    assert (found.paper_number, found.ours, found.unit) == (0.8, 0.5, "m/s")
+    assert (found.verdict, found.rests_on) == ("holds for 50 % of settings", "assumed")
 
 
 def test_settings_fill_their_ranges_and_ours_is_the_first():
@@ -398,13 +406,18 @@ def test_bound_of_a_padded_block_is_that_of_the_block_alone():
 
 
 def test_table_is_written_with_its_columns_and_printed_aligned(tmp_path):
-    short, longer = (
-        judged(
-            "He et al. 2018", "short", 0.03, "slip (1)", holding(True), PRINTED, "A.", 0.1, 1e-3
-        ),
-        judged("Fang", "much longer", np.nan, "", of_settings(np.arange(64) < 48), ASSUMED, "B."),
+    plain = {"claim": "some", "remark": "A.", "rests_on": "printed"}
+    paper = Paper(
+        "He",
+        {
+            "short": {**plain, "claim": "short", "unit": "slip (1)", "printed": 0.1},
+            "longer": {"claim": "much longer", "remark": "B."},
+            "undecided": {**plain, "unit": "1", "remark": "C."},
+        },
     )
-    undecided = judged("He", "some", 0.8, "1", below(0.8, 0.1, 1.0, 100), PRINTED, "C.", error=0.1)
+    short = paper.judged("short", 0.03, holding(True), 1e-3)
+    longer = paper.judged("longer", np.nan, of_settings(np.arange(64) < 48))
+    undecided = paper.judged("undecided", 0.8, below(0.8, 0.1, 1.0, 100), 0.1)
     table = report.claims_table([short, longer, undecided])
     write_table(tmp_path / "claims.csv", table)
     again = pd.read_csv(tmp_path / "claims.csv")
@@ -446,6 +459,19 @@ def test_published_table_has_its_columns_and_one_of_five_verdicts():
     assert table["claim"].is_unique
     assert table["remark"].str.endswith(".").all()
     assert not table["remark"].str.contains(r"\b(?:nan|inf)\b").any()
+
+
+@pytest.mark.parametrize("name", [path.stem for path in PAPERS])
+def test_what_a_paper_is_told_to_say_stands_in_the_published_table(name):
+    paper, table = read_paper(name), pd.read_csv(PUBLISHED)
+    own = table[table["paper"] == paper.name]
+    for said in paper.claims.values():
+        words = re.escape(" ".join(said["claim"].split()))
+        pattern = re.sub(r"\\\{.*?\\\}", ".+", words)
+        rows = own[own["claim"].str.fullmatch(pattern)]
+        assert len(rows)
+        assert set(rows["rests_on"]) == {said.get("rests_on", "assumed")}
+        assert set(rows["unit"].fillna("")) == {said.get("unit", "")}
 
 
 def test_pages_tell_how_many_rows_of_each_verdict_there_are():

@@ -12,7 +12,7 @@ from adhesion_jax.traction.observers import Observer
 from adhesion_jax.traction.observers.full_dimension import FullDimension
 from adhesion_jax.traction.systems import SYSTEMS, fang2018
 from adhesion_jax.traction.systems.base import built
-from experiments.claims.fang2018_settings import critical_gain_of
+from experiments.claims.fang2018 import critical_gain_of
 from experiments.claims.hxd1f import _operations, settling
 from experiments.claims.qian2024_settings import _delay
 from experiments.claims.traction import Runs, changed, plant_of

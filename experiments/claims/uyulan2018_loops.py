@@ -17,34 +17,16 @@ from adhesion_jax.traction.signals import Number, PerAxle, Reference, Signals
 from adhesion_jax.traction.surface import BothSides, Scaled
 from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.uyulan2018 import SURFACES, SYSTEM
-from experiments.claims.settings import (
-    Range,
-    Setting,
+from experiments.claims.paper import Setting, read_paper
+from experiments.claims.traction import (
+    changed,
+    numbers_of,
+    on_plant,
+    plant_of,
+    with_numbers,
 )
-from experiments.claims.traction import changed, plant_of
 
-#: What the paper does not print. `near` is the reading of "near the optimum", a share of the best
-#: slip; `mass` and `inertia` are by what train and wheels differ from those that are printed, in
-#: the claim that control need not know them.
-RANGES = {
-    "torque_limit": Range(17670.0, 10e3, 40e3, by_ratio=True),
-    "linear": Range(0.0154, 0.0, 0.03),
-    "square": Range(0.00467, 0.0, 0.01),
-    "layer": Range(0.05, 0.005, 0.1, by_ratio=True),
-    "observer_gain": Range(400.0, 10.0, 1000.0, by_ratio=True),
-    "slope_limit": Range(1.0, 0.3, 10.0, by_ratio=True),
-    "seeker_start": Range(1.20986, 0.5, 5.0, by_ratio=True),
-    "frontal_area": Range(9.0, 6.0, 12.0),
-    "slip_ratio": Range(0.0, 0.0, 0.2),  # mean, in the dynamic mass
-    "near": Range(0.10, 0.05, 0.20, by_ratio=True),
-    "mass": Range(1.0, 0.8, 1.2),
-    "inertia": Range(1.0, 0.8, 1.2),
-    "left": Range(0.1, 0.1, 1.0, by_ratio=True),  # adhesion of the left rail over the right one
-}
-
-
-#: Power of a motor of the train, W.
-MOTOR = 120e3
+PAPER = read_paper("uyulan2018")
 
 
 SEGMENTS = ("first", "second", "third")
@@ -94,45 +76,25 @@ def best_slip(surface: str = "dry") -> float:
 
 def loops_of(setting: Setting, method: str) -> list[Loop]:
     """The six columns of Table 1 at a setting, of one of the two methods."""
-    plant = plant_at(setting)
-    names = ("linear", "square", "layer")
-    found = []
+    plant, found = _plant_at(setting), []
     for case in SYSTEM.cases(SYSTEM.step):
         if case.method != method:
             continue
-        loop = built(SYSTEM, case, plant)
-        controller = changed(
-            loop.controller, **{name: jnp.asarray(setting[name]) for name in names}
-        )
-        observer = changed(loop.observer, gain=jnp.asarray(setting["observer_gain"]))
-        loop = changed(loop, controller=controller, observer=observer)
+        loop = with_numbers(built(SYSTEM, case, plant), setting, "controller", "observer")
         if method == "as printed":
-            seeker = changed(
-                loop.seeker,
-                gain=jnp.asarray(setting["observer_gain"]),
-                limit=jnp.asarray(setting["slope_limit"]),
-                start=jnp.asarray(setting["seeker_start"]),
-            )
-            loop = changed(loop, seeker=seeker)
-        driver = changed(loop.driver, traction=jnp.asarray(setting["torque_limit"]))
-        found.append(changed(loop, driver=driver))
+            loop = with_numbers(loop, setting, "seeker")
+            gain = jnp.asarray(setting["observer.gain"])
+            loop = changed(loop, seeker=changed(loop.seeker, gain=gain))
+        found.append(changed(loop, driver=changed(loop.driver, traction=plant.torque_limit)))
     return found
 
 
-def plant_at(setting: Setting) -> ElasticAxles:
+def _plant_at(setting: Setting) -> ElasticAxles:
     plant = plant_of(SYSTEM)
     assert isinstance(plant, ElasticAxles)
     turning = (plant.dynamic_mass - plant.static_mass) / (1 - setting["slip_ratio"]) ** 2
-    return changed(
-        plant,
-        torque_limit=jnp.asarray(setting["torque_limit"]),
-        frontal_area=jnp.asarray(setting["frontal_area"]),
-        dynamic_mass=plant.static_mass + turning,
-    )
-
-
-def on_plant(loop: Loop, plant: Plant) -> Loop:
-    return changed(loop, plant=plant, nominal=plant)
+    mass = plant.static_mass + turning
+    return changed(plant, dynamic_mass=mass, **numbers_of(setting, "plant"))
 
 
 def layered_loop(loop: Loop, layer: float) -> Loop:
@@ -146,26 +108,15 @@ def steeper_loop(loop: Loop) -> Loop:
     return changed(loop, slope=jnp.arcsin(share * jnp.sin(loop.slope)))
 
 
-def tighter_loop(loop: Loop, radius: float) -> Loop:
-    return on_plant(loop, changed(loop.plant, curve_radius=jnp.asarray(radius)))
-
-
 def varied_loop(loop: Loop, setting: Setting) -> Loop:
     """Masses and inertias that control does not know."""
     plant, mass, inertia = loop.plant, setting["mass"], setting["inertia"]
     factors = {
-        "static_mass": mass,
-        "dynamic_mass": mass,
-        "wheel_load": mass,
-        "motor_inertia": inertia,
-        "wheel_inertia": inertia,
+        **dict.fromkeys(("static_mass", "dynamic_mass", "wheel_load"), mass),
+        **dict.fromkeys(("motor_inertia", "wheel_inertia"), inertia),
     }
     other = {name: factor * getattr(plant, name) for name, factor in factors.items()}
     return changed(loop, plant=changed(plant, **other))
-
-
-def own_motors_loop(loop: Loop) -> Loop:
-    return on_plant(loop, changed(loop.plant, power_limit=jnp.asarray(MOTOR)))
 
 
 def sided_loop(loop: Loop, setting: Setting) -> Loop:
@@ -207,5 +158,5 @@ def own_rails_loop(loop: Loop) -> Loop:
     each = jnp.ones(4)
     names = ("radius_right", "radius_left", "wheel_load")
     own = {name: each * getattr(loop.plant, name) for name in names}
-    plant = changed(loop.plant, axles_alike=jnp.asarray(1.0), **own)
-    return changed(on_plant(loop, plant), rails=rails, slip=each * loop.slip)
+    loop = on_plant(loop, axles_alike=jnp.asarray(1.0), **own)
+    return changed(loop, rails=rails, slip=each * loop.slip)

@@ -1,6 +1,6 @@
 """Experiments 2 and 3 of He et al. 2018: scatter of the estimates, and tracking of a switch."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +12,8 @@ from adhesion_jax.metrics.information import quantity_names
 from adhesion_jax.scenarios import Scenario
 from adhesion_jax.scenarios.rails import RAILS, peak_of
 from adhesion_jax.wording import plus_minus
-from experiments.claims.bootstrap import resamples, spread
-from experiments.claims.claim import HE2018, REPAIRED, STANDARD_ERRORS, Claim, below, judged
-
-Numbers = NDArray[np.float64]
+from experiments.claims.claim import STANDARD_ERRORS, Claim, Flags, Numbers, below
+from experiments.claims.he2018 import PAPER
 
 #: The two ablations, Experiment 3, and what each is called in a sentence.
 VARIANTS = {
@@ -24,13 +22,15 @@ VARIANTS = {
     "ml-de-he2018": "the modified algorithm",
 }
 
+_RESAMPLES = 400
+
 
 class Blocks(NamedTuple):
     """Estimates of each identifier as arrays [runs, blocks], and the rail of each block."""
 
     rails: tuple[str, ...]
     values: Mapping[str, Mapping[str, Numbers]]
-    failed: Mapping[str, NDArray[np.bool_]]  # the search missed the optimum
+    failed: Mapping[str, Flags]  # the search missed the optimum
 
     def groups(self, switch: bool) -> list[list[int]]:
         """The blocks of each rail: those right after a switch, or those in steady running.
@@ -73,6 +73,17 @@ def robust_deviation(x: Numbers) -> float:
     """The interquartile range, scaled to the standard deviation of a normal distribution."""
     low, high = np.percentile(x, [25, 75])
     return float((high - low) / 1.349)
+
+
+def resamples(runs: int, random: np.random.Generator) -> Iterator[NDArray[np.intp]]:
+    """The run numbers of each resample of a bootstrap over whole runs."""
+    for _ in range(_RESAMPLES):
+        yield random.integers(runs, size=runs)
+
+
+def spread(resampled: list[float]) -> float:
+    """The standard error from the values of the resamples; NaN if one of them is infinite."""
+    return float(np.std(resampled, ddof=1)) if np.isfinite(resampled).all() else float("nan")
 
 
 def scatter_ratio(
@@ -121,25 +132,21 @@ def scatter_claims(blocks: Blocks, random: np.random.Generator) -> list[Claim]:
                     return scatter_ratio(values[upper], values[lower], groups, scatter, random)
 
                 ratio, error = over("ml-de-he2018", "ml-de")
-                modified, modified_error = over("ml-de-he2018", "ml-exact")
-                original, original_error = over("ml-de", "ml-exact")
+                modified, original = over("ml-de-he2018", "ml-exact"), over("ml-de", "ml-exact")
                 found.append(
-                    judged(
-                        HE2018,
-                        f"Exp. 3 against 2: {quantity} scatters less {where}, {kind}, "
-                        "ml-de-he2018 over ml-de (below 1)",
+                    PAPER.judged(
+                        "scatter",
                         ratio,
-                        "ratio (1)",
                         below(ratio, error, 1.0, len(values["ml-de"])),
-                        REPAIRED,
-                        f"Against the exact optimum the modified algorithm scatters "
-                        f"{plus_minus(modified, modified_error)} times as much "
-                        f"({_against_optimum(modified, modified_error)}), the unmodified one "
-                        f"{plus_minus(original, original_error)} times "
-                        f"({_against_optimum(original, original_error)}), and they miss it in "
-                        f"{missed['ml-de-he2018']:.1f} % and {missed['ml-de']:.1f} % of the "
-                        "blocks.",
-                        error=error,
+                        error,
+                        quantity=quantity,
+                        where=where,
+                        kind=kind,
+                        modified=plus_minus(*modified),
+                        modified_says=_against_optimum(*modified),
+                        original=plus_minus(*original),
+                        original_says=_against_optimum(*original),
+                        missed=missed,
                     )
                 )
     return found
@@ -156,16 +163,11 @@ def _against_optimum(ratio: float, error: float) -> str:
 
 def tracking_claims(tables: Mapping[str, pd.DataFrame], runs: int) -> list[Claim]:
     """The modified algorithm tracks a switch faster: delay, and failures in the first block."""
-    columns = {
-        ("summary", "delay_steps"): (1.0, "blocks", "mu_max is tracked sooner after a switch"),
-        ("switches", "failure_share"): (
-            100.0,
-            "% points",
-            "fewer searches miss the optimum in the block after a switch",
-        ),
-    }
     found = []
-    for (table, column), (factor, unit, claim) in columns.items():
+    for key, table, column, factor in (
+        ("tracked_sooner", "summary", "delay_steps", 1.0),
+        ("fewer_miss", "switches", "failure_share", 100.0),
+    ):
         rows = tables[table]
         rows = rows[(rows["quantity"] == "mu_max") & rows["delay_steps"].notna()]
         means, errors = {}, {}
@@ -174,23 +176,13 @@ def tracking_claims(tables: Mapping[str, pd.DataFrame], runs: int) -> list[Claim
             means[name] = factor * of_method[column].mean()
             errors[name] = factor * np.sqrt((of_method[f"{column}_se"] ** 2).sum()) / len(of_method)
         written = {name: plus_minus(mean, errors[name]) for name, mean in means.items()}
+        others = {"plain": written["ml-de"], "exact": written["ml-exact"]}
         for name, words in VARIANTS.items():
-            difference = means[name] - means["ml-de"]
+            difference = float(means[name] - means["ml-de"])
             error = float(np.hypot(errors[name], errors["ml-de"]))
-            found.append(
-                judged(
-                    HE2018,
-                    f"Exp. 3 against 2: {claim}, {name} minus ml-de (below 0)",
-                    float(difference),
-                    unit,
-                    below(float(difference), error, 0.0, runs),
-                    REPAIRED,
-                    f"Mean over the switches: {words} {written[name]}, the unmodified algorithm "
-                    f"{written['ml-de']}, the exact optimum {written['ml-exact']} "
-                    f"({unit.removesuffix(' points')}), the best that a search can do.",
-                    error=error,
-                )
-            )
+            verdict, facts = below(difference, error, 0.0, runs), {"name": name, "words": words}
+            facts |= {"own": written[name], **others}
+            found.append(PAPER.judged(key, difference, verdict, error, **facts))
     return found
 
 
@@ -213,28 +205,13 @@ def volatility_claims(tables: Mapping[str, pd.DataFrame], runs: int) -> list[Cla
     place = int(off[:, 0].argmax())
     (percent, error), rail = map(float, off[place]), known["rail"].iloc[place]
     return [
-        judged(
-            HE2018,
-            "Exp. 2: c3 has the highest volatility (largest other relative RMSE over its own, "
-            "below 1)",
-            worst[0],
-            "ratio (1)",
-            below(*worst, 1.0, runs),
-            REPAIRED,
-            "The worse of the dry and the common rail; on the wet one all three lie on the box in "
-            "many blocks.",
-            error=worst[1],
-        ),
-        judged(
-            HE2018,
-            "Missing data are made up for: mu_max from slips up to .2 alone (RMSE of ml-de below "
-            "5 %)",
+        PAPER.judged("volatility", worst[0], below(*worst, 1.0, runs), worst[1]),
+        PAPER.judged(
+            "missing_data",
             percent,
-            "% of truth",
             below(percent, error, 5.0, runs),
-            REPAIRED,
-            f"On the worst rail, {rail}, of which the table of the paper puts the peak at slip "
-            f"{peak_of(RAILS[rail])[0]:.3f}.",
-            error=error,
+            error,
+            rail=rail,
+            peak=peak_of(RAILS[rail])[0],
         ),
     ]
