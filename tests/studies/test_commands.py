@@ -46,7 +46,6 @@ REFUSED = {
     "no.csv does not exist": ("regression", ["--baseline", "no.csv"]),
     "--runs": ("claims", ["--runs", "1"]),
     "--repeats": ("speed", ["--repeats", "0"]),
-    "--sets": ("intervals", ["--sets", "0"]),
 }
 
 

@@ -1,1 +1,0 @@
-"""How often the intervals of an identification hold the truth."""
