@@ -17,8 +17,7 @@ import pytest
 import adhesion_jax
 from adhesion_jax.effects.api import Facts
 from adhesion_jax.errors import InputError
-from experiments.campaigns.plantable import PLANTABLE
-from experiments.campaigns.planting import Planting, of_strength
+from experiments.campaigns.plantable import PLANTABLE, Planting, of_strength
 from experiments.campaigns.simulator import simulate
 
 pytestmark = pytest.mark.thorough  # all rest on one process that imports and compiles anew

@@ -15,7 +15,7 @@ from adhesion_jax.curves import (
 )
 from adhesion_jax.effects.conditions import Calendar, completed_runs
 from adhesion_jax.optim import levenberg_marquardt
-from experiments.campaigns.planting import Bend
+from experiments.campaigns.plantable import Bend
 from experiments.campaigns.runs import Runs
 
 #: Largest number of steps of a refit.

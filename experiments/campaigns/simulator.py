@@ -7,14 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from adhesion_jax.curves import Curve
 from adhesion_jax.errors import InputError
+from adhesion_jax.inference.noise import RunNoise
 from experiments.campaigns.base import conditions_of, misfit, on_runs, rms
-from experiments.campaigns.plantable import PLANTABLE
-from experiments.campaigns.planting import Bend, CleanRuns, Form, OpenEffect, Planted
+from experiments.campaigns.plantable import PLANTABLE, Bend, CleanRuns, Form, OpenEffect, Planted
 from experiments.campaigns.runs import BASE_CURVES, DRAWN, Runs, draw_curve, draw_runs
 
 #: The columns that every table has, in their order.
@@ -196,11 +197,30 @@ def _applied(
 
 def noisy(clean: np.ndarray, noise: SetNoise, generator: np.random.Generator) -> np.ndarray:
     """Clean adhesion [runs, points] with its noise."""
-    white = generator.standard_normal(clean.shape)
-    level = generator.standard_normal((len(clean), 1))
-    white[:, 1:] *= np.sqrt(1 - noise.autocorrelation**2)
-    error = lfilter([1.0], [1.0, -noise.autocorrelation], white, axis=1)
-    return clean * (1 + noise.run_scatter * level) + noise.sigma * error
+    own = RunNoise(noise.sigma, noise.autocorrelation, run_scatter=noise.run_scatter)
+    return clean + noise_of_runs(own, clean, generator)
+
+
+def noise_of_runs(
+    noise: RunNoise, mean: Float[np.ndarray, "*sets runs rows"], generator: np.random.Generator
+) -> Float[np.ndarray, "*sets runs rows"]:
+    """A residual of each run whose curve is `mean`, without what the noise of the slip makes."""
+    e = noise.sigma * _autoregressive(noise.autocorrelation, mean.shape, generator)
+    level = noise.run_scatter * generator.standard_normal((*mean.shape[:-1], 1))
+    if noise.slow_level:
+        slow = float(np.exp(-1 / noise.slow_rows))
+        level = level + noise.slow_level * _autoregressive(slow, mean.shape, generator)
+    return e + level * mean
+
+
+def _autoregressive(
+    r: float, shape: tuple[int, ...], generator: np.random.Generator
+) -> Float[np.ndarray, "*sets runs rows"]:
+    """Of variance 1, stationary from its first row, with the correlation r^|lag|."""
+    fresh = generator.standard_normal(shape)
+    fresh[..., 1:] *= np.sqrt(1 - r**2)
+    found: np.ndarray = lfilter([1.0], [1.0, -r], fresh, axis=-1)
+    return found
 
 
 def _table(

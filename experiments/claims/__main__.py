@@ -1,6 +1,5 @@
 """Hold the claims of published papers against what can be computed: claims.csv and its figures."""
 
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -8,12 +7,11 @@ from typing import NamedTuple
 import click
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from adhesion_jax.campaign.job import Config, build_scenario
 from adhesion_jax.campaign.monte_carlo import run_campaign
 from adhesion_jax.command_line.command import SEED, Folder, run, start
-from adhesion_jax.files import output_directory, staged, write_table
+from adhesion_jax.files import write_table
 from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.scenarios import Options
@@ -57,6 +55,7 @@ from experiments.claims.qian2024 import (
 from experiments.claims.qian2024_settings import outcomes
 from experiments.claims.traction import Found
 from experiments.claims.uyulan2018 import uyulan_claims
+from experiments.command import bar, written
 
 #: Where a search is held against another the effects are small: so many times the runs.
 MANY = 5
@@ -149,25 +148,14 @@ _FIGURES = (
 def main(paper: str | None, runs: int, seed: int, out: Path) -> None:
     """Compute what the papers claim and say which claims hold, and what they rest on."""
     start()
-    directory = output_directory(out)
-    began = time.perf_counter()
-    own = ("claims.csv", *(f"claims_{name}.png" for name in _FIGURES))
-    found: list[Claim] = []
-    with staged(directory, own) as stage:
-        with tqdm(unit="part", disable=None) as bar:
-
-            def advance(words: str) -> None:
-                bar.set_description(words)
-                bar.update()
-
+    papers = PAPERS if paper is None else [paper]
+    with written(out, ("claims.csv", *(f"claims_{name}.png" for name in _FIGURES))) as stage:
+        with bar("part") as advance:
             work = Work(runs, seed, stage, advance)
-            for name in PAPERS if paper is None else [paper]:
-                found += PAPERS[name](work)
-        table = report.claims_table(found)
+            table = report.claims_table(claim for name in papers for claim in PAPERS[name](work))
         write_table(stage / "claims.csv", table)
-    click.echo(report.claims_text(table))
-    click.echo(f"\n{report.counts_text(table)}")
-    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
+        click.echo(report.claims_text(table))
+        click.echo(f"\n{report.counts_text(table)}")
 
 
 if __name__ == "__main__":

@@ -9,16 +9,15 @@ from pathlib import Path
 import click
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
-from adhesion_jax import runtime
 from adhesion_jax.command_line.command import SEED, Folder, Names, run, start
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, staged, write_metadata, write_table
+from adhesion_jax.files import write_table
 from experiments.campaigns.base import rms
+from experiments.command import bar, written
 from experiments.discovery_peers.features import fit_base, in_runs
 from experiments.discovery_peers.methods import PEERS, predicted
-from experiments.discovery_peers.report import draw_peers, peers_text
+from experiments.discovery_peers.report import THIS, draw_peers, peers_text, summarised
 from experiments.discovery_peers.sets import (
     PeerSet,
     is_named_by_claim,
@@ -27,7 +26,6 @@ from experiments.discovery_peers.sets import (
     simulated_sets,
     stored_sets,
 )
-from experiments.discovery_peers.summary import THIS, summarised
 from experiments.discovery_study.judging import removed_share
 from experiments.discovery_study.running import Discover, discovered
 
@@ -73,36 +71,21 @@ def main(
     stored = stored_sets(sets) if sets else []
     if not (simulated or random or stored):
         raise InputError("There is no set to work on; give --simulated above 0 or --sets FOLDER.")
-    directory = output_directory(out)
-    began = time.perf_counter()
     rows: list[Row] = []
-    with staged(directory, OWN_FILES) as stage:
+    config = {"simulated": simulated, "random": random, "sets": len(stored), "seed": seed}
+    with written(out, OWN_FILES, config) as stage:
         total = (len(stored) + simulated + random) * len(methods)
         parts = chain(stored, simulated_sets(simulated, seed), random_sets(random, seed))
-        with tqdm(total=total, unit="fit", disable=None) as bar:
+        with bar("fit", total) as advance:
             for part in parts:
                 for row in compared(part, methods, discovered, seed):
-                    bar.set_description(f"{part.name} {row['method']}")
-                    bar.update()
+                    advance(f"{part.name} {row['method']}")
                     rows.append(row)
         table = pd.DataFrame(rows)
-        summary = summarised(table)
         write_table(stage / "peer_sets.csv", table)
-        write_table(stage / "peers.csv", summary)
+        write_table(stage / "peers.csv", summarised(table))
         draw_peers(stage / "peers.png", table)
-        metadata = {
-            "config": {
-                "simulated": simulated,
-                "random": random,
-                "sets": len(stored),
-                "seed": seed,
-            },
-            "wall_seconds": time.perf_counter() - began,
-            **runtime.describe(),
-        }
-        write_metadata(stage / "metadata.json", metadata)
-    click.echo(peers_text(table))
-    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
+        click.echo(peers_text(table))
 
 
 def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: int) -> Iterator[Row]:

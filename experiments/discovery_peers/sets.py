@@ -18,9 +18,10 @@ from experiments.discovery_study.judging import (
     columns_of,
     counted,
     is_one_of,
+    names_for,
+    seen_in,
 )
 from experiments.discovery_study.otherwise import FORMS, forms_of
-from experiments.discovery_study.right_names import names_for, seen_in
 from experiments.discovery_study.tasks import make_set, random_tasks
 
 #: What is planted in the simulated sets, in turn; a third of them have nothing hidden.

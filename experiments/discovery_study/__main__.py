@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 import pandas as pd
 
-from adhesion_jax import runtime
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.library.shards import compute, opened_for
+from experiments.command import described
 from experiments.discovery_study.rates import confusion, rates, shares
 from experiments.discovery_study.report import (
     draw_confusion,
@@ -111,11 +111,7 @@ def study(
         if "random" in parts:
             write_table(stage / "shares.csv", removed)
             draw_random(stage / "random.png", sets)
-        metadata = {
-            "config": {**sizes, "workers": workers},
-            "wall_seconds": time.perf_counter() - began,
-            **runtime.describe(),
-        }
+        metadata = described({**sizes, "workers": workers}, began)
         write_metadata(stage / "metadata.json", metadata)
     click.echo(study_text(hits, removed, sets))
     click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")

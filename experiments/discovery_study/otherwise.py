@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from experiments.campaigns.planting import Bend, CleanRuns, Form, OpenEffect, Planted, unchanged
+from experiments.campaigns.plantable import Bend, CleanRuns, Form, OpenEffect, Planted, unchanged
 
 #: How causes are planted: by the formulas of the catalogue, or by those of this module.
 FORMS = ("exact", "perturbed")

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.campaigns.base import conditions_of, on_runs
-from experiments.campaigns.planting import Bend, CleanRuns, OpenEffect, Planted, unchanged
+from experiments.campaigns.plantable import Bend, CleanRuns, OpenEffect, Planted, unchanged
 from experiments.campaigns.runs import BASE_CURVES, draw_curve, draw_runs
 from experiments.campaigns.simulator import SimulatedSet, simulate
 

@@ -1,7 +1,6 @@
 """Hold the accuracy and the speed of every identifier against a baseline and say what moved."""
 
 import sys
-import time
 from pathlib import Path
 
 import click
@@ -10,11 +9,11 @@ from tqdm import tqdm
 
 from adhesion_jax import runtime
 from adhesion_jax.command_line.command import Folder, run, start
-from adhesion_jax.files import output_directory, staged, write_table
+from adhesion_jax.files import write_table
 from adhesion_jax.identifiers import IDENTIFIERS
+from experiments.command import written
 from experiments.regression.accuracy import accuracy_steps, measure_accuracy
-from experiments.regression.compare import REGRESSIONS, compare, faster_of, suspects
-from experiments.regression.report import moved_text
+from experiments.regression.compare import REGRESSIONS, compare, faster_of, moved_text, suspects
 from experiments.regression.speed import measure_speed
 from experiments.regression.table import assemble, read_baseline
 
@@ -50,24 +49,19 @@ def main(baseline: Path, update: bool, out: Path) -> None:
     """Measure every identifier on a small fixed set; exit status 1 where one got worse."""
     start()
     before = None if update else read_baseline(baseline)
-    directory = output_directory(baseline.parent if update else out)
-    began = time.perf_counter()
-    # On one core: a process that may use two spends up to three times the CPU-seconds.
-    runtime.take_core(runtime.cores_of(runtime.CORES)[-1])
-    fresh = _measured(BASELINE_SEED if update else CHECK_SEED, before)
-    if before is None:
-        with staged(directory, (baseline.name,)) as stage:
-            write_table(stage / baseline.name, fresh)
-        click.echo(f"Written to {baseline} in {time.perf_counter() - began:.0f} s")
-        return
-    compared = compare(before, fresh)
-    with staged(directory, ("regression.csv", "comparison.csv")) as stage:
-        write_table(stage / "regression.csv", fresh)
-        write_table(stage / "comparison.csv", compared)
-    click.echo(moved_text(compared))
-    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
-    if compared["verdict"].isin(REGRESSIONS).any():
-        sys.exit(1)
+    bad = False
+    names = (baseline.name,) if update else ("regression.csv", "comparison.csv")
+    with written(baseline.parent if update else out, names) as stage:
+        # On one core: a process that may use two spends up to three times the CPU-seconds.
+        runtime.take_core(runtime.cores_of(runtime.CORES)[-1])
+        fresh = _measured(BASELINE_SEED if update else CHECK_SEED, before)
+        write_table(stage / names[0], fresh)
+        if before is not None:
+            compared = compare(before, fresh)
+            write_table(stage / "comparison.csv", compared)
+            click.echo(moved_text(compared))
+            bad = bool(compared["verdict"].isin(REGRESSIONS).any())
+    sys.exit(int(bad))
 
 
 def _measured(seed: int, before: pd.DataFrame | None) -> pd.DataFrame:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.stats import hypergeom
 from scipy.stats import t as student_t
 
+from adhesion_jax.report.rendering import with_errors
 from experiments.regression.table import KEYS, SPEED
 
 Array = NDArray[np.float64]
@@ -183,3 +184,37 @@ def _unmatched(side: pd.DataFrame, other: pd.DataFrame, verdict: str) -> pd.Data
     whole = alone[unknown].drop_duplicates("identifier")
     whole = whole.assign(rail="", quantity="", statistic="")
     return pd.concat([whole, alone[~unknown]], ignore_index=True).assign(verdict=verdict)
+
+
+#: Verdicts on an identifier that only one of the two tables has.
+_WHOLE = {
+    NEW: "is not in the baseline; --update adds it.",
+    GONE: "is in the baseline but is no identifier any more; --update removes it.",
+}
+
+
+def moved_text(compared: pd.DataFrame) -> str:
+    """An aligned table of all that is not the same, regressions first; then the count."""
+    moved = compared[compared["verdict"] != SAME]
+    bad = moved["verdict"].isin(REGRESSIONS)
+    count = f"{bad.sum()} of {len(compared)} figures got worse."
+    if not len(moved):
+        return count
+    moved = pd.concat([moved[bad], moved[~bad]])
+    lines = pd.DataFrame(
+        {
+            **{name: moved[name] for name in ("verdict", "identifier", "scenario", "rail")},
+            **{name: moved[name] for name in ("quantity", "statistic")},
+            "baseline": with_errors(moved["baseline"], moved["baseline_se"]),
+            "fresh": with_errors(moved["fresh"], moved["fresh_se"]),
+            "p": [f"{p:.1g}" if np.isfinite(p) else "" for p in moved["p"]],
+        }
+    )
+    sentences = [
+        f"{name} {_WHOLE[verdict]}"
+        for name, verdict, statistic in zip(
+            moved["identifier"], moved["verdict"], moved["statistic"], strict=True
+        )
+        if statistic == ""
+    ]
+    return "\n".join([lines.to_string(index=False), "", *sentences, count])

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import click
 import pandas as pd
-from tqdm import tqdm
 
 from adhesion_jax import runtime
 from adhesion_jax.command_line.command import SEED, Folder, run, start
-from adhesion_jax.files import output_directory, staged, write_table
-from experiments.speed import blocks, c_code, gpu, jobs, plants, recursions, scaling
+from adhesion_jax.files import write_table
+from experiments.command import bar, written
+from experiments.speed import blocks, gpu, jobs, plants, recursions, scaling
 from experiments.speed.report import draw_rates, draw_scaling, told
 from experiments.speed.turns import Timed, rates
 
@@ -30,19 +30,16 @@ def main(repeats: int, seed: int, out: Path) -> None:
     all; the median is reported, and its range.
     """
     start()
-    directory = output_directory(out)
     # All but the jobs on one core: a process that may use two spends up to twice the CPU-seconds.
     cores = runtime.cores_of(runtime.CORES)
     runtime.take_core(cores[-1])
-    with tempfile.TemporaryDirectory() as folder:
-        library = c_code.compiled(Path(folder))
-        table = _table(library, repeats, seed, cores)
-    with staged(directory, ("speed.csv", "speed.png", "speed_scaling.png")) as stage:
+    with written(out, ("speed.csv", "speed.png", "speed_scaling.png")) as stage:
+        with tempfile.TemporaryDirectory() as folder:
+            table = _table(plants.compiled(Path(folder)), repeats, seed, cores)
         write_table(stage / "speed.csv", table)
         draw_rates(stage / "speed.png", table)
         draw_scaling(stage / "speed_scaling.png", table)
-    click.echo(told(table))
-    click.echo(f"\nWritten to {directory}")
+        click.echo(told(table))
 
 
 def _table(
@@ -58,12 +55,7 @@ def _table(
     ]
     total = sum((repeats + 1) * _count(part[3]) for part in parts)
     total += len(scaling.sizes()) + 1 + len(jobs.jobs())
-    with tqdm(total=total, unit="turn", disable=None) as bar:
-
-        def progress(name: str) -> None:
-            bar.set_description(name[:40])
-            bar.update()
-
+    with bar("turn", total) as progress:
         found = [
             rates(part, unit, peer, entries, repeats, progress)
             for part, unit, peer, entries in parts

@@ -17,7 +17,7 @@ from adhesion_jax.campaign.tiles import TILE
 from adhesion_jax.identifiers import Estimate
 from adhesion_jax.runtime import silent
 from adhesion_jax.scenarios import Options
-from experiments.speed.batches import Batch, batch_on
+from experiments.speed.scaling import Batch, batch_on
 from experiments.speed.turns import Timed, rates, timed
 
 PART = "GPU"

@@ -1,7 +1,11 @@
-"""Identifiers as NumPy computes them: one step for all the runs, with arrays [samples, runs].
+"""Identifiers as NumPy computes them: in place, one step for all the runs, arrays [samples, runs].
 
-Slip is positive and every sample is taken. What few runs need is computed for these alone: the
-edges of the box, and the second and third element of a statistic.
+Slip is positive and every sample is taken, so that nothing is spent on signs and missing samples.
+The arrays of a step are each [runs] and stay in the cache: an array for every intermediate result
+takes 1.3 times as long for recursive least squares, and three times for a quadratic program with
+all the edges of the box for every run. Stacked arrays, one call for several, would not fit into the
+cache. What few runs need is computed for these alone: the edges of the box, and the second and
+third element of a statistic.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.speed import numpy_steps as steps
-from experiments.speed.numpy_steps import Pair, zeros
-
 _Found = tuple[np.ndarray, ...]
+Pair = tuple[np.ndarray, np.ndarray]
 
 #: The critical interval of the statistic.
 _LOW, _HIGH = -0.8, -0.7
@@ -28,7 +30,7 @@ def rls_kiencke_variable(slip: np.ndarray, adhesion: np.ndarray) -> _Found:
     least, (eta, work) = np.full(slip.shape[1], 0.9), zeros(2, slip.shape[1])
 
     def factor(size: np.ndarray, measured: np.ndarray, x: Pair) -> np.ndarray:
-        steps.forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
+        forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
         return eta
 
     return _recursive_least_squares(slip, adhesion, factor)
@@ -39,12 +41,12 @@ def _recursive_least_squares(
 ) -> _Found:
     """`factor` gives the forgetting factor of a sample, from its slip, its adhesion and x."""
     runs = slip.shape[1]
-    x1, x2 = steps.start(runs)
+    x1, x2 = start(runs)
     p11, p12, p22 = np.full(runs, 1e10), np.zeros(runs), np.full(runs, 1e10)
     g = zeros(3, runs)
     u1, u2, error, pu1, pu2, share, work = zeros(7, runs)
     for size, measured in zip(slip, adhesion, strict=True):
-        steps.regressors(size, measured, u1, u2, error)
+        regressors(size, measured, u1, u2, error)
         eta = factor(size, measured, (x1, x2))
         np.multiply(p11, u1, out=pu1)
         pu1 += np.multiply(p12, u2, out=work)
@@ -54,7 +56,7 @@ def _recursive_least_squares(
         share += np.multiply(u2, pu2, out=work)
         share += eta
         np.divide(1.0, share, out=share)
-        steps.subtract(error, (x1, x2), (u1, u2), work)
+        subtract(error, (x1, x2), (u1, u2), work)
         error *= share
         x1 += np.multiply(pu1, error, out=work)
         x2 += np.multiply(pu2, error, out=work)
@@ -68,14 +70,14 @@ def _recursive_least_squares(
         p22 -= np.multiply(pu2, gain2, out=work)
         for element in (p11, p12, p22):
             element /= eta
-        steps.discount(g, eta * eta, ((u1, u1), (u1, u2), (u2, u2)), work)
-    return x1, x2, p11, p12, p22, *g, steps.objective(slip, adhesion, (x1, x2))
+        discount(g, eta * eta, ((u1, u1), (u1, u2), (u2, u2)), work)
+    return x1, x2, p11, p12, p22, *g, objective(slip, adhesion, (x1, x2))
 
 
 def qp_qian2024_1(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _Found:
     """The estimate, H, f and G, element by element, and the sum of squared errors; each [runs]."""
     runs = slip.shape[1]
-    x = steps.start(runs)
+    x = start(runs)
     # H after each of the last five samples, the latest first. The next one takes the array of the
     # earliest, so that none is copied.
     history = [zeros(3, runs) for _ in range(5)]
@@ -84,8 +86,8 @@ def qp_qian2024_1(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _Found:
     least = np.full(runs, 0.251)
     spare = zeros(5, runs)
     for sample, (size, measured) in enumerate(zip(slip, adhesion, strict=True)):
-        steps.regressors(size, measured, u1, u2, error)
-        steps.forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
+        regressors(size, measured, u1, u2, error)
+        forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
         products = (u1, u1), (u1, u2), (u2, u2)
         for product, (one, other) in zip(now, products, strict=True):
             np.multiply(one, other, out=product)
@@ -104,43 +106,43 @@ def qp_qian2024_1(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _Found:
             new += product
         history.insert(0, h)
         target = np.multiply(error, weight, out=now[0])
-        steps.discount(f, eta, ((u1, target), (u2, target)), work)
-        steps.solve_in_box((*h, *f), x, box, spare, work)
-        steps.subtract(error, x, (u1, u2), work)
+        discount(f, eta, ((u1, target), (u2, target)), work)
+        solve_in_box((*h, *f), x, box, spare, work)
+        subtract(error, x, (u1, u2), work)
         error *= weight
         u1 *= error
         u2 *= error
         eta *= eta
-        steps.discount(g, eta, products, work)
-    return *x, *history[0], *f, *g, steps.objective(slip, adhesion, x)
+        discount(g, eta, products, work)
+    return *x, *history[0], *f, *g, objective(slip, adhesion, x)
 
 
 def qp_qian2024_2(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _Found:
     """The estimate, H, f and G, element by element, and the sum of squared errors; each [runs]."""
     runs = slip.shape[1]
-    x = steps.start(runs)
+    x = start(runs)
     sums, g = zeros(5, runs), zeros(3, runs)
     u1, u2, error, eta, work = zeros(5, runs)
     least = np.full(runs, 0.971)
     spare = zeros(5, runs)
     squares = (u1, u1), (u1, u2), (u2, u2)
     for size, measured in zip(slip, adhesion, strict=True):
-        steps.regressors(size, measured, u1, u2, error)
-        steps.forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
-        steps.discount(sums, eta, (*squares, (u1, error), (u2, error)), work)
-        steps.solve_in_box(sums, x, box, spare, work)
-        steps.subtract(error, x, (u1, u2), work)
+        regressors(size, measured, u1, u2, error)
+        forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
+        discount(sums, eta, (*squares, (u1, error), (u2, error)), work)
+        solve_in_box(sums, x, box, spare, work)
+        subtract(error, x, (u1, u2), work)
         u1 *= error
         u2 *= error
         eta *= eta
-        steps.discount(g, eta, squares, work)
-    return *x, *sums, *g, steps.objective(slip, adhesion, x)
+        discount(g, eta, squares, work)
+    return *x, *sums, *g, objective(slip, adhesion, x)
 
 
 def qp_bias_compensated(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _Found:
     """The estimate, H, f, G and the sums of the noise, element by element, and the objective."""
     runs = slip.shape[1]
-    x = steps.start(runs)
+    x = start(runs)
     sums, g, noise = zeros(5, runs), zeros(3, runs), zeros(6, runs)
     h11, h12, h22, f1, f2 = sums
     m11, m12, m22, n1, squares, weights = noise
@@ -149,11 +151,11 @@ def qp_bias_compensated(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _F
     least, zero = np.full(runs, 0.971), np.zeros(runs)
     clear, spare = zeros(5, runs), zeros(5, runs)
     for size, measured in zip(slip, adhesion, strict=True):
-        steps.regressors(size, measured, u1, u2, error)
-        steps.forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
-        steps.discount(sums, eta, ((u1, u1), (u1, u2), (u2, u2), (u1, error), (u2, error)), work)
+        regressors(size, measured, u1, u2, error)
+        forgetting(size, measured, x, (least, 1.0, 2.0), eta, work)
+        discount(sums, eta, ((u1, u1), (u1, u2), (u2, u2), (u1, error), (u2, error)), work)
         np.multiply(size, size, out=squared)
-        steps.discount((m12, m22), eta, ((size, squared), (squared, squared)), work)
+        discount((m12, m22), eta, ((size, squared), (squared, squared)), work)
         for total, term in ((m11, squared), (n1, size), (weights, 1.0)):
             total *= eta
             total += term
@@ -165,10 +167,10 @@ def qp_bias_compensated(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _F
         np.subtract(h12, np.multiply(m12, s2, out=work), out=clear[1])
         np.subtract(h22, np.multiply(m22, s2, out=work), out=clear[2])
         np.add(f1, np.multiply(n1, s2, out=work), out=clear[3])
-        steps.solve_in_box(clear, x, box, spare, work)
-        steps.subtract(error, x, (u1, u2), work)
+        solve_in_box(clear, x, box, spare, work)
+        subtract(error, x, (u1, u2), work)
         denominator, share, *_ = spare
-        steps.denominate(size, x, denominator)
+        denominate(size, x, denominator)
         np.divide(error, denominator, out=share)
         share *= share
         squares += share
@@ -178,8 +180,8 @@ def qp_bias_compensated(slip: np.ndarray, adhesion: np.ndarray, box: Pair) -> _F
         u1 += np.multiply(denominator, size, out=work)
         np.multiply(u1, size, out=u2)
         eta *= eta
-        steps.discount(g, eta, ((u1, u1), (u1, u2), (u2, u2)), work)
-    return *x, *sums, *g, *noise, steps.objective(slip, adhesion, x)
+        discount(g, eta, ((u1, u1), (u1, u2), (u2, u2)), work)
+    return *x, *sums, *g, *noise, objective(slip, adhesion, x)
 
 
 def _is_inside(matrices: Sequence[np.ndarray], spare: Sequence[np.ndarray]) -> np.ndarray:
@@ -236,3 +238,141 @@ def _variance(
     curvature /= mixed
     np.divide(squares, weights, out=out)
     np.minimum(out, curvature, out=out)
+
+
+# ---------------------------------------------------------------------------------- their steps
+
+#: Where the recursions start, and the weight of that start in the quadratic programs.
+_START, _RIDGE = (100.0, 50.0), 1e-10
+
+#: The initial slope of Kiencke's curve.
+_A0 = 40.0
+
+
+def zeros(count: int, runs: int) -> list[np.ndarray]:
+    """Arrays of their own: to take rows of one would cost time at every step."""
+    return [np.zeros(runs) for _ in range(count)]
+
+
+def start(runs: int) -> Pair:
+    return np.full(runs, _START[0]), np.full(runs, _START[1])
+
+
+def regressors(
+    size: np.ndarray, measured: np.ndarray, u1: np.ndarray, u2: np.ndarray, z: np.ndarray
+) -> None:
+    np.multiply(size, measured, out=u1)
+    np.multiply(size, u1, out=u2)
+    np.multiply(size, _A0, out=z)
+    z -= measured
+
+
+def denominate(size: np.ndarray, x: Pair, out: np.ndarray) -> None:
+    """The denominator of Kiencke's curve."""
+    np.multiply(x[1], size, out=out)
+    out += x[0]
+    out *= size
+    out += 1.0
+
+
+def misfit(
+    size: np.ndarray, measured: np.ndarray, x: Pair, out: np.ndarray, work: np.ndarray
+) -> None:
+    """The adhesion at this slip and x less the measured one."""
+    denominate(size, x, work)
+    np.multiply(size, _A0, out=out)
+    out /= work
+    out -= measured
+
+
+def forgetting(
+    size: np.ndarray,
+    measured: np.ndarray,
+    x: Pair,
+    settings: tuple[np.ndarray, float, float],
+    eta: np.ndarray,
+    work: np.ndarray,
+) -> None:
+    """The forgetting factor max(least, most - gain |error|).
+
+    `least` is an array, with which the maximum takes a third of the time.
+    """
+    least, most, gain = settings
+    misfit(size, measured, x, eta, work)
+    np.abs(eta, out=eta)
+    eta *= -gain
+    eta += most
+    np.maximum(eta, least, out=eta)
+
+
+def discount(
+    sums: Sequence[np.ndarray],
+    factor: float | np.ndarray,
+    products: Sequence[Pair],
+    work: np.ndarray,
+) -> None:
+    """The sums times the factor, each plus a product."""
+    for total, (one, other) in zip(sums, products, strict=True):
+        total *= factor
+        total += np.multiply(one, other, out=work)
+
+
+def subtract(error: np.ndarray, x: Pair, u: Pair, work: np.ndarray) -> None:
+    """Leave of the target what the regression does not give at this x."""
+    for value, regressor in zip(x, u, strict=True):
+        error -= np.multiply(value, regressor, out=work)
+
+
+def solve_in_box(
+    sums: Sequence[np.ndarray], x: Pair, box: Pair, spare: Sequence[np.ndarray], work: np.ndarray
+) -> None:
+    """Put the best x in the box for H and f into x."""
+    (h11, h12, h22, f1, f2), (x1, x2), (lower, upper) = sums, x, box
+    y1, y2, a11, a22, determinant = spare
+    pull = np.add(h11, h22, out=work)
+    pull *= _RIDGE
+    np.add(h11, pull, out=a11)
+    np.add(h22, pull, out=a22)
+    np.multiply(pull, _START[0], out=y1)
+    y1 += f1
+    np.multiply(pull, _START[1], out=y2)
+    y2 += f2
+    np.multiply(a11, a22, out=determinant)
+    determinant -= np.multiply(h12, h12, out=work)
+    np.multiply(y1, a22, out=x1)
+    x1 -= np.multiply(y2, h12, out=work)
+    np.multiply(y2, a11, out=x2)
+    x2 -= np.multiply(y1, h12, out=work)
+    inside = determinant > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x1 /= determinant
+        x2 /= determinant
+    for value, least, most in zip(x, lower, upper, strict=True):
+        inside &= value >= least
+        inside &= value <= most
+    if not inside.all():
+        outside = np.flatnonzero(~inside)
+        program = (y1[outside], y2[outside], a11[outside], a22[outside], h12[outside])
+        x1[outside], x2[outside] = _on_edge(program, box)
+
+
+def _on_edge(program: tuple[np.ndarray, ...], box: Pair) -> Pair:
+    y1, y2, a11, a22, a12 = program
+    (low1, low2), (high1, high2) = box
+    ones = np.ones_like(y1)
+    edges = [(np.clip((y1 - e * a12) / a11, low1, high1), e * ones) for e in (low2, high2)]
+    edges += [(e * ones, np.clip((y2 - e * a12) / a22, low2, high2)) for e in (low1, high1)]
+    x1, x2 = np.array(edges).swapaxes(0, 1)
+    values = x1 * (x1 * a11 + 2 * x2 * a12 - 2 * y1) + x2 * (x2 * a22 - 2 * y2)
+    best = np.argmin(values, axis=0), np.arange(y1.size)
+    return x1[best], x2[best]
+
+
+def objective(slip: np.ndarray, adhesion: np.ndarray, x: Pair) -> np.ndarray:
+    """The sum of squared errors of this estimate over the record."""
+    total, left, work = zeros(3, slip.shape[1])
+    for size, measured in zip(slip, adhesion, strict=True):
+        misfit(size, measured, x, left, work)
+        left *= left
+        total += left
+    return total

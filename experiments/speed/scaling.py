@@ -1,16 +1,22 @@
 """How the rate changes with the number of runs, of points, of members and of cores."""
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import pandas as pd
+from jaxtyping import Array, Key
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.job import Config, build_scenario
+from adhesion_jax.campaign.keys import noise_keys, solver_keys
+from adhesion_jax.campaign.tiles import COMPILER
+from adhesion_jax.identifiers import IDENTIFIERS, Estimate, identify
+from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from experiments.speed import all_points
-from experiments.speed.batches import batch_on, drawn
 from experiments.speed.turns import Timed, rates, timed
 
 #: The methods whose rates are followed.
@@ -24,6 +30,37 @@ MEMBER_COUNTS: Sequence[int] = (10, 20, 40, 80)
 _GENERATIONS = 50
 
 _RUNS, _POINTS = 128, 500
+
+
+def drawn(config: Config) -> Record:
+    """The records of all runs of a scenario, side by side: [runs, blocks, points]."""
+    scenario = build_scenario(config)
+    keys = noise_keys(config.seed, config.scenario, jnp.arange(config.runs))
+    draw: Callable[[Key[Array, " runs"]], Record] = jax.jit(
+        jax.vmap(scenario.draw, out_axes=scenario.run_axes)
+    )
+    return draw(keys)
+
+
+class Batch(NamedTuple):
+    """What identifies all runs by one method, compiled, and the CPU-seconds to compile it."""
+
+    run: Callable[[], Estimate]
+    compile_seconds: float
+
+
+def batch_on(device: jax.Device, config: Config, name: str) -> Batch:
+    """All runs of a scenario for one method on this device, with the noise drawn."""
+    scenario, method = build_scenario(config), IDENTIFIERS[name]
+    keys = solver_keys(config.seed, config.scenario, name, jnp.arange(config.runs))
+    given = jax.device_put((drawn(config), keys), device)
+    many = jax.vmap(identify, in_axes=(None, None, scenario.run_axes, 0))
+    program = jax.jit(lambda records, keys: many(method, scenario.known, records, keys))
+    began = time.process_time()
+    options = COMPILER if device.platform == "cpu" else None
+    ready = program.lower(*given).compile(options)
+    seconds = time.process_time() - began
+    return Batch(lambda: jax.block_until_ready(ready(*given)), seconds)
 
 
 class Size(NamedTuple):

@@ -23,8 +23,7 @@ from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.scenarios import Options
-from experiments.campaigns.plantable import PLANTABLE
-from experiments.campaigns.planting import CleanRuns, OpenEffect, Planting, of_strength
+from experiments.campaigns.plantable import PLANTABLE, CleanRuns, OpenEffect, Planting, of_strength
 from experiments.campaigns.runs import DRAWN
 from experiments.campaigns.simulator import SetNoise, SimulatedSet, simulate
 from experiments.discovery_study.judging import judged

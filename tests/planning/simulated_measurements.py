@@ -11,7 +11,7 @@ from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.optim.levenberg_marquardt import fit
 from adhesion_jax.planning.plan import Excitation, Plan, weights_under
 from adhesion_jax.planning.truth import Truth, curve_of, sensitivity_of, with_parameters
-from experiments.campaigns.noise import noise_of_runs
+from experiments.campaigns.simulator import noise_of_runs
 
 #: Number of cells that are checked, and the largest relative standard error of slip_opt in them:
 #: a plan is one of small errors.

@@ -27,7 +27,7 @@ from adhesion_jax.planning.truth import Truth, peak_of, sensitivity_of
 from adhesion_jax.report.plan import worth
 from adhesion_jax.scenarios.rails import RAILS
 from adhesion_jax.scenarios.rails import peak_of as peak_in_closed_form
-from experiments.campaigns.noise import noise_of_runs
+from experiments.campaigns.simulator import noise_of_runs
 
 COMMON = Truth(RAILS["common"], {})
 NOISES = {

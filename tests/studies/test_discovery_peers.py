@@ -10,7 +10,7 @@ from adhesion_jax.errors import InputError
 from experiments.campaigns.simulator import SetNoise, simulate
 from experiments.discovery_peers.__main__ import compared
 from experiments.discovery_peers.features import fit_base, folds, in_runs, make_problem
-from experiments.discovery_peers.report import draw_peers, peers_text
+from experiments.discovery_peers.report import beaten, draw_peers, peers_text, summarised
 from experiments.discovery_peers.sets import (
     Hidden,
     PeerSet,
@@ -21,7 +21,6 @@ from experiments.discovery_peers.sets import (
     simulated_sets,
     stored_sets,
 )
-from experiments.discovery_peers.summary import beaten, summarised
 from experiments.discovery_study.one_log import one_log
 
 SMALL = {"runs": 30, "points": 60}

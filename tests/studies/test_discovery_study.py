@@ -13,10 +13,9 @@ from experiments.campaigns.plantable import PLANTABLE
 from experiments.campaigns.runs import BASE_CURVES
 from experiments.campaigns.simulator import SetNoise
 from experiments.discovery_study.__main__ import OWN_FILES, study
-from experiments.discovery_study.judging import is_one_of, removed_share
+from experiments.discovery_study.judging import is_one_of, names_for, removed_share
 from experiments.discovery_study.random_effect import RandomEffect
 from experiments.discovery_study.rates import confusion, rates, shares
-from experiments.discovery_study.right_names import names_for
 from experiments.discovery_study.running import row
 from experiments.discovery_study.tasks import Task, make_set, study_tasks
 

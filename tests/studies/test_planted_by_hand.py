@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from experiments.campaigns.plantable import PLANTABLE
-from experiments.campaigns.planting import CleanRuns
+from experiments.campaigns.plantable import PLANTABLE, CleanRuns
 from experiments.discovery_study.otherwise import OTHERWISE as OTHER_FORMS
 
 SLIP = np.array([[0.01, 0.04, 0.09, 0.16], [-0.16, -0.09, -0.04, -0.01]])

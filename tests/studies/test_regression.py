@@ -25,11 +25,11 @@ from experiments.regression.compare import (
     compare,
     faster_of,
     holm,
+    moved_text,
     p_values,
     share_p,
     suspects,
 )
-from experiments.regression.report import moved_text
 from experiments.regression.speed import measure_speed
 from experiments.regression.table import ACCURACY, COLUMNS, KEYS, assemble, read_baseline
 

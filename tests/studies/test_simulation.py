@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from adhesion_jax.errors import InputError
 from experiments.campaigns.base import conditions_of, on_runs
-from experiments.campaigns.planting import CleanRuns
+from experiments.campaigns.plantable import CleanRuns
 from experiments.campaigns.runs import draw_curve, draw_runs
 from experiments.campaigns.simulator import SetNoise, simulate
 from experiments.discovery_study.one_log import one_log

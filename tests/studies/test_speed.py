@@ -15,10 +15,10 @@ from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from experiments.speed import all_points, blocks, c_code, gpu, jobs, plants, recursions, scaling
+from experiments.speed import all_points, blocks, gpu, jobs, plants, recursions, scaling
 from experiments.speed.__main__ import main
-from experiments.speed.batches import Batch, drawn
 from experiments.speed.report import told
+from experiments.speed.scaling import Batch, drawn
 from experiments.speed.turns import Timed, rates
 
 SAMPLES, RUNS, STREAMS = 120, 6, 2000
@@ -26,7 +26,7 @@ SAMPLES, RUNS, STREAMS = 120, 6, 2000
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
-    found = c_code.compiled(tmp_path_factory.mktemp("loops"))
+    found = plants.compiled(tmp_path_factory.mktemp("loops"))
     if isinstance(found, str):
         pytest.skip(found)
     return found
