@@ -48,11 +48,11 @@ from experiments.claims.qian2024 import (
     factorial_claims,
     factorial_table,
     other_claims,
+    outcomes,
     reading_claims,
     reading_config,
     variants,
 )
-from experiments.claims.qian2024_settings import outcomes
 from experiments.claims.traction import Found
 from experiments.claims.uyulan2018 import uyulan_claims
 from experiments.command import bar, written

@@ -1,7 +1,7 @@
 """Measure how often the discovery is right: false claims, detection, confusions, random effects."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import click
@@ -28,41 +28,27 @@ OWN_FILES = (
     *("detection.png", "confusion.png", "random.png"),
 )
 
-_COUNT = click.IntRange(min=0)
+#: Options that tell how many sets are made: their defaults and help.
+SIZES: Mapping[str, tuple[int, str]] = {
+    "null": (200, "Sets with nothing hidden in them; the noise of half of them is slow."),
+    "powers": (10, "Sets of each effect and strength."),
+    "pairs": (24, "Sets with two effects of different families."),
+    "random": (100, "Sets with an effect that is a random function of one or two columns."),
+    "logs": (0, "Logs of each kind, with nothing hidden but the noise of the slip."),
+    "log-effects": (0, "Logs with each of three effects, the kinds of logs by turns."),
+}
+
+
+def _sized(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of SIZES."""
+    for name, (default, words) in reversed([*SIZES.items()]):
+        size = click.IntRange(min=0)
+        command = click.option(f"--{name}", type=size, default=default, help=words)(command)
+    return command
 
 
 @click.command(context_settings={"show_default": True})
-@click.option(
-    "--null",
-    type=_COUNT,
-    default=200,
-    help="Sets with nothing hidden in them; the noise of half of them is slow.",
-)
-@click.option("--powers", type=_COUNT, default=10, help="Sets of each effect and strength.")
-@click.option(
-    "--pairs",
-    type=_COUNT,
-    default=24,
-    help="Sets with two effects of different families.",
-)
-@click.option(
-    "--random",
-    type=_COUNT,
-    default=100,
-    help="Sets with an effect that is a random smooth function of one or two columns.",
-)
-@click.option(
-    "--logs",
-    type=_COUNT,
-    default=0,
-    help="Logs of each kind, with nothing hidden but the noise of the slip.",
-)
-@click.option(
-    "--log-effects",
-    type=_COUNT,
-    default=0,
-    help="Logs with each of three effects, the kinds of logs by turns.",
-)
+@_sized
 @click.option(
     "--workers",
     type=click.IntRange(min=1),

@@ -1,6 +1,8 @@
 """Whether reported names and columns are right: which of them stand for the planted effects."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,55 +12,16 @@ from experiments.campaigns.simulator import SimulatedSet
 from experiments.discovery_study.one_log import LOG_FORMS
 from experiments.discovery_study.tasks import Task
 
-#: The columns in which a method without physics sees an effect, the one that stands for it first:
-#: columns of a table, or beginnings of the names of features made of them.
-_SEEN_IN: Mapping[str, tuple[str, ...]] = {
-    "torsion": ("time_s", "time_in_run"),
-    "unknown_column": ("rail_age_days",),
-    "product": ("gradient_permille", "temperature_C", "position_m"),
-    "periodic": ("groove_depth_um",),
-    "speed": ("vehicle_speed_mps", "slip_velocity_mps"),
-    "slip_speed": ("vehicle_speed_mps", "slip_velocity_mps"),
-    "falling_friction": ("vehicle_speed_mps", "slip_velocity_mps"),
-    "load_peak": ("normal_load_N",),
-    "load_slope": ("normal_load_N",),
-    "contact_heating": ("vehicle_speed_mps", "slip_velocity_mps"),
-    "cleaning": ("work", "time_s", "time_in_run", "vehicle_speed_mps", "slip_velocity_mps"),
-    "sanding": ("sanding", "sand_before"),
-    "axle_position": ("axle",),
-    "lateral_creep": ("curvature_per_m", "angle_of_attack_deg", "lateral_creepage"),
-    "load_transfer": ("acceleration",),
-    "mode_asymmetry": ("mode",),
-    "relaxation": ("base_adhesion_change", "slip_size_change", "vehicle_speed_mps"),
-    "delay": ("base_adhesion_change", "slip_size_change"),
-    "lag": ("base_adhesion_change", "slip_size_change"),
-    "hysteresis": ("base_adhesion_change", "slip_size_change"),
-    "slip_bias": ("slip_ratio",),
-    "torque_offset": ("slip_ratio",),
-    "inertia": ("base_adhesion_change", "slip_size_change", "acceleration"),
-    "slip_noise": ("base_adhesion_change", "slip_size_change"),
-    "humidity": ("relative_humidity_pct",),
-    "temperature": ("temperature_C",),
-    "patch": ("position_m",),
-    "curve": ("curvature_per_m", "position_m"),
-    "wheel_order": ("wheel_angle_rad",),
-    "rail_joint": ("position_m",),
-    "drift": ("rail_age_days", "time_s"),
-}
-
-#: The names that say the same of what the catalogue lacks.
-_SAME_AS: Mapping[str, tuple[str, ...]] = {
-    "slip_noise": (),
-    "torsion": ("periodic:time_s",),
-    "unknown_column": ("covariate:rail_age_days",),
-    "product": ("product:",),
-    "periodic": ("periodic:groove_depth_um", "covariate:groove_depth_um"),
-}
+#: What counts as a planted effect: columns `seen_in`, and names that say the `same_as` it.
+_RIGHT: Mapping[str, Mapping[str, Sequence[str]]] = tomllib.loads(
+    (Path(__file__).parent / "right_names.toml").read_text(encoding="utf-8")
+)
 
 
 def seen_in(name: str) -> tuple[str, ...]:
     """The columns of an effect; of one that was added later those that its claim rests on."""
-    return _SEEN_IN[name] if name in _SEEN_IN else EFFECTS[name].FACTS.rests_on
+    seen = _RIGHT["seen_in"]
+    return (*seen[name],) if name in seen else EFFECTS[name].FACTS.rests_on
 
 
 def names_for(name: str) -> tuple[str, ...]:
@@ -66,7 +29,7 @@ def names_for(name: str) -> tuple[str, ...]:
 
     A name that ends in a colon counts for every name that begins with it.
     """
-    return (name, *(EFFECTS[name].FACTS.same_as if name in EFFECTS else _SAME_AS[name]))
+    return (name, *(EFFECTS[name].FACTS.same_as if name in EFFECTS else _RIGHT["same_as"][name]))
 
 
 #: Of a class of more names than this only the first one counts.

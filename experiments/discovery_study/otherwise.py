@@ -282,33 +282,12 @@ def periodic(runs: CleanRuns) -> OpenEffect:
 
 #: The other formula of each cause; noise has its own alone.
 OTHERWISE: Mapping[str, Form] = {
-    "speed": speed,
-    "slip_speed": slip_speed,
-    "falling_friction": falling_friction,
-    "load_peak": load_peak,
-    "load_slope": load_slope,
-    "contact_heating": contact_heating,
-    "cleaning": cleaning,
-    "sanding": sanding,
-    "axle_position": axle_position,
-    "lateral_creep": lateral_creep,
-    "load_transfer": load_transfer,
-    "mode_asymmetry": mode_asymmetry,
-    "humidity": humidity,
-    "temperature": temperature,
-    "patch": patch,
-    "curve": curve,
-    "wheel_order": wheel_order,
-    "rail_joint": rail_joint,
-    "drift": drift,
-    "relaxation": relaxation,
-    "delay": delay,
-    "lag": lag,
-    "hysteresis": hysteresis,
-    "slip_bias": slip_bias,
-    "torque_offset": torque_offset,
-    "inertia": inertia,
-    "unknown_column": unknown_column,
-    "product": product,
-    "periodic": periodic,
+    form.__name__: form
+    for form in (
+        *(speed, slip_speed, falling_friction, load_peak, load_slope, contact_heating),
+        *(cleaning, sanding, axle_position, lateral_creep, load_transfer, mode_asymmetry),
+        *(humidity, temperature, patch, curve, wheel_order, rail_joint, drift, relaxation),
+        *(delay, lag, hysteresis, slip_bias, torque_offset, inertia, unknown_column, product),
+        periodic,
+    )
 }

@@ -53,7 +53,8 @@ class Study(NamedTuple):
 
     @property
     def record(self) -> Mapping[str, Any]:
-        source = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+        own = sorted(Path(__file__).parent.iterdir())
+        source = b"".join(one.read_bytes() for one in own if one.suffix in (".py", ".toml"))
         options = {f"--{key.replace('_', '-')}": str(value) for key, value in self.asked.items()}
         depends = {
             **options,

@@ -14,7 +14,7 @@ from adhesion_jax.traction.systems import SYSTEMS, fang2018
 from adhesion_jax.traction.systems.base import built
 from experiments.claims.fang2018 import critical_gain_of
 from experiments.claims.hxd1f import _operations, settling
-from experiments.claims.qian2024_settings import _delay
+from experiments.claims.qian2024 import _delay
 from experiments.claims.traction import Runs, changed, plant_of
 from experiments.claims.uyulan2018 import _bound_of_disturbance, _rises, _roll
 
