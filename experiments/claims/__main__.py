@@ -16,45 +16,19 @@ from adhesion_jax.identifiers.ml_de import GENERATIONS
 from adhesion_jax.report.traction.panels import draw
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS, RAILS
-from experiments.claims import report
+from experiments.claims import (
+    fang2018,
+    fang2018_slope,
+    he2018,
+    he2018_blocks,
+    he2018_generations,
+    hxd1f,
+    qian2024,
+    report,
+    uyulan2018,
+)
 from experiments.claims.claim import Claim
-from experiments.claims.fang2018 import control_claims
-from experiments.claims.fang2018_slope import slope_claims, slope_config
-from experiments.claims.he2018 import (
-    consistency_claims,
-    consistency_fits,
-    consistency_table,
-    convergence_claims,
-    fact_claims,
-)
-from experiments.claims.he2018_blocks import (
-    VARIANTS,
-    as_blocks,
-    scatter_claims,
-    tracking_claims,
-    volatility_claims,
-)
-from experiments.claims.he2018_generations import (
-    ARRIVED_GAP,
-    count_generations,
-    generation_claims,
-    generation_panels,
-    innovation_claims,
-    setting_claims,
-)
-from experiments.claims.hxd1f import hxd1f_claims
-from experiments.claims.qian2024 import (
-    FACTORS,
-    factorial_claims,
-    factorial_table,
-    other_claims,
-    outcomes,
-    reading_claims,
-    reading_config,
-    variants,
-)
 from experiments.claims.traction import Found
-from experiments.claims.uyulan2018 import uyulan_claims
 from experiments.command import bar, written
 
 #: Where a search is held against another the effects are small: so many times the runs.
@@ -76,42 +50,46 @@ class Work(NamedTuple):
         return [*found.claims]
 
 
-def he2018(work: Work) -> list[Claim]:
+def he2018_claims(work: Work) -> list[Claim]:
     runs, seed, progress = work.runs, work.seed, work.progress
     experiment = Config("he2018-1", ("ml-exact", "ml-de"), Options(), runs, seed)
-    found = convergence_claims(experiment, progress)
-    many = MANY * runs
-    experiment = Config("he2018-blocks", ("ml-exact", "ml-de", *VARIANTS), Options(), many, seed)
+    found = he2018.convergence_claims(experiment, progress)
+    many, methods = MANY * runs, ("ml-exact", "ml-de", *he2018_blocks.VARIANTS)
+    experiment = Config("he2018-blocks", methods, Options(), many, seed)
     rows: list[pd.DataFrame] = []
     campaign = run_campaign(experiment, rows.append, progress)
-    blocks = as_blocks(pd.concat(rows, ignore_index=True), build_scenario(experiment))
+    estimates = pd.concat(rows, ignore_index=True)
+    blocks = he2018_blocks.as_blocks(estimates, build_scenario(experiment))
     random = np.random.default_rng(seed)
-    found += scatter_claims(blocks, random)
-    found += tracking_claims(campaign.tables, many)
-    found += volatility_claims(campaign.tables, many)
+    found += he2018_blocks.scatter_claims(blocks, random)
+    found += he2018_blocks.tracking_claims(campaign.tables, many)
+    found += he2018_blocks.volatility_claims(campaign.tables, many)
     pairs = build_scenario(Config("he2018-blocks", options=Options(blocks=6)))
-    panels = generation_panels(count_generations(pairs, seed, many, progress), pairs.rails)
-    found += generation_claims(panels, random)
-    found += innovation_claims(panels, random)
-    found += setting_claims(pairs, seed, progress)
+    needed = he2018_generations.count_generations(pairs, seed, many, progress)
+    panels = he2018_generations.generation_panels(needed, pairs.rails)
+    found += he2018_generations.generation_claims(panels, random)
+    found += he2018_generations.innovation_claims(panels, random)
+    found += he2018_generations.setting_claims(pairs, seed, progress)
     single = build_scenario(Config("single"))
-    sized = consistency_table(single, seed, runs, progress)
-    found += consistency_claims(sized)
-    found += fact_claims(single, progress)
-    goal = f"within {ARRIVED_GAP:g} σ² of the optimum"
+    sized = he2018.consistency_table(single, seed, runs, progress)
+    found += he2018.consistency_claims(sized)
+    found += he2018.fact_claims(single, progress)
+    goal = f"within {he2018_generations.ARRIVED_GAP:g} σ² of the optimum"
     report.generations(work.folder / "claims_generations.png", panels, GENERATIONS, goal)
     path = work.folder / "claims_consistency.png"
-    report.consistency(path, sized, consistency_fits(sized))
+    report.consistency(path, sized, he2018.consistency_fits(sized))
     return found
 
 
-def qian2024(work: Work) -> list[Claim]:
-    over_settings = outcomes(variants(), work.seed, work.progress)
-    found = reading_claims(reading_config(work.runs, work.seed), over_settings, work.progress)
-    factorial = factorial_table(work.runs, work.seed, work.progress)
-    found += factorial_claims(factorial, over_settings)
-    found += other_claims(over_settings)
-    report.factorial(work.folder / "claims_factorial.png", factorial, FACTORS)
+def qian2024_claims(work: Work) -> list[Claim]:
+    runs, seed, progress = work.runs, work.seed, work.progress
+    over_settings = qian2024.outcomes(qian2024.variants(), seed, progress)
+    readings = qian2024.reading_config(runs, seed)
+    found = qian2024.reading_claims(readings, over_settings, progress)
+    factorial = qian2024.factorial_table(runs, seed, progress)
+    found += qian2024.factorial_claims(factorial, over_settings)
+    found += qian2024.other_claims(over_settings)
+    report.factorial(work.folder / "claims_factorial.png", factorial, qian2024.FACTORS)
     known = {
         "Burckhardt, He et al. 2018, Fig. 1": RAILS,
         "Kiencke, Qian et al. 2024, Fig. 1": KIENCKE_RAILS,
@@ -120,18 +98,19 @@ def qian2024(work: Work) -> list[Claim]:
     return found
 
 
-def fang2018(work: Work) -> list[Claim]:
-    found = slope_claims(slope_config(work.runs, work.seed), work.progress)
-    return found + work.drawn("fang2018", control_claims(work.progress))
+def fang2018_claims(work: Work) -> list[Claim]:
+    slope = fang2018_slope.slope_config(work.runs, work.seed)
+    found = fang2018_slope.slope_claims(slope, work.progress)
+    return found + work.drawn("fang2018", fang2018.control_claims(work.progress))
 
 
 #: By the name of the option.
 PAPERS: Mapping[str, Callable[[Work], list[Claim]]] = {
-    "he2018": he2018,
-    "qian2024": qian2024,
-    "fang2018": fang2018,
-    "uyulan2018": lambda work: work.drawn("uyulan2018", uyulan_claims(work.progress)),
-    "hxd1f": lambda work: work.drawn("hxd1f", hxd1f_claims(work.progress)),
+    "he2018": he2018_claims,
+    "qian2024": qian2024_claims,
+    "fang2018": fang2018_claims,
+    "uyulan2018": lambda work: work.drawn("uyulan2018", uyulan2018.uyulan_claims(work.progress)),
+    "hxd1f": lambda work: work.drawn("hxd1f", hxd1f.hxd1f_claims(work.progress)),
 }
 
 _FIGURES = (

@@ -13,6 +13,7 @@ from adhesion_jax.curves import Curve
 from adhesion_jax.report.montecarlo.figures import LABELS
 from adhesion_jax.report.rendering import with_errors
 from adhesion_jax.report.style import line_styles
+from adhesion_jax.report.traction.panels import Line, Mark, Panel, draw
 from experiments.claims.claim import Claim, Numbers
 from experiments.claims.he2018 import Fit
 from experiments.claims.traction import Cloud
@@ -80,19 +81,14 @@ def settings(path: Path, cloud: Cloud) -> None:
 
 def curves(path: Path, papers: Mapping[str, Mapping[str, Curve]]) -> None:
     """The curves of adhesion that papers draw in their first figures, a panel a paper."""
-    figure = Figure(figsize=(9.5, 4.0), layout="constrained")
-    slip = np.linspace(0.0, 0.5, 501)
-    for axis, (title, known) in zip(figure.subplots(1, len(papers)), papers.items(), strict=True):
-        styles = line_styles(list(known))
-        for name, curve in known.items():
-            peak = curve.peak({})
-            style = {key: styles[name][key] for key in ("color", "linestyle")}
-            axis.plot(slip, curve(jnp.asarray(slip), {}), label=name, **style)
-            axis.plot(float(peak.slip), float(peak.adhesion), "o", color=style["color"], ms=5)
-        axis.set(title=title, xlabel="slip ratio (1)", ylabel="adhesion (1)", ylim=(0, None))
-        axis.grid(color="0.9")
-        axis.legend(fontsize=8)
-    figure.savefig(path, dpi=130)
+    slip = jnp.linspace(0.0, 0.5, 501)
+    panels = []
+    for title, known in papers.items():
+        lines = [Line(name, slip, curve(slip, {})) for name, curve in known.items()]
+        peaks = [curve.peak({}) for curve in known.values()]
+        marks = [Mark("largest adhesion", float(one.slip), float(one.adhesion)) for one in peaks]
+        panels.append(Panel(title, "slip ratio (1)", "adhesion (1)", lines, marks, (0.0, 0.9)))
+    draw(path, panels)
 
 
 def consistency(path: Path, table: pd.DataFrame, fits: Mapping[str, Fit]) -> None:

@@ -16,23 +16,11 @@ from adhesion_jax.traction.plants.base import GRAVITY, Plant
 from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.systems import uyulan2018
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED_BEST_SLIP, SURFACES, SYSTEM
+from experiments.claims import uyulan2018_loops as loops
 from experiments.claims.claim import TO_PRINT, Claim, Numbers, holding, is_near, near
 from experiments.claims.paper import Setting, values
 from experiments.claims.traction import Cloud, Found, Runs, on_plant, runs_of
-from experiments.claims.uyulan2018_loops import (
-    PAPER,
-    SEGMENTS,
-    best_slip,
-    braking_loop,
-    exact_loop,
-    layered_loop,
-    loops_of,
-    observing_loop,
-    own_rails_loop,
-    sided_loop,
-    steeper_loop,
-    varied_loop,
-)
+from experiments.claims.uyulan2018_loops import PAPER, SEGMENTS, best_slip
 
 #: Coefficients of F_roll in Eq. 19.
 _ROLL = (6.4, 55.0)
@@ -72,31 +60,31 @@ class _Columns(NamedTuple):
 def uyulan_claims(progress: Callable[[str], None]) -> Found:
     run = partial(runs_of, SYSTEM, SEGMENTS, progress)
     settings = PAPER.settings()
-    tracking = [loop for one in settings for loop in loops_of(one, "true optimum")]
+    tracking = [loop for one in settings for loop in loops.of_columns(one, "true optimum")]
     own, first = tracking[: len(_COLUMNS)], tracking[:: len(_COLUMNS)]
     pairs = [*zip(first, settings, strict=True)]
     tracked, by_sign, thin, graded, varied, motors, braking, tighter = run(
         "Uyulan 2018, true optimum",
         tracking,
-        [layered_loop(loop, _SIGN) for loop in own],
-        [layered_loop(loop, 0.01) for loop in own],
-        [steeper_loop(loop) for loop in own],
-        [varied_loop(*pair) for pair in pairs],
+        [loops.layered(loop, _SIGN) for loop in own],
+        [loops.layered(loop, 0.01) for loop in own],
+        [loops.steeper(loop) for loop in own],
+        [loops.varied(*pair) for pair in pairs],
         [on_plant(loop, power_limit=jnp.asarray(_MOTOR)) for loop in first],
-        [braking_loop(loop) for loop in first],
+        [loops.braking(loop) for loop in first],
         [on_plant(loop, curve_radius=jnp.asarray(_CURVE)) for loop in first],
     )
-    (sides,) = run("Uyulan 2018, sides of their own", [sided_loop(*pair) for pair in pairs])
-    printed = [loop for one in settings for loop in loops_of(one, "as printed")]
+    (sides,) = run("Uyulan 2018, sides of their own", [loops.sided(*pair) for pair in pairs])
+    printed = [loop for one in settings for loop in loops.of_columns(one, "as printed")]
     slower = [
-        observing_loop(loop, gain, beside)
+        loops.observing(loop, gain, beside)
         for gain in _GAINS
         for beside in range(_BESIDE)
         for loop in printed[: len(_COLUMNS)]
     ]
     seeking, drifting = run("Uyulan 2018, seeker as printed", printed, slower)
-    (exactly,) = run("Uyulan 2018, exact slope", [exact_loop(loop) for loop in tracking])
-    (axles,) = run("Uyulan 2018, axles of their own", [own_rails_loop(loop) for loop in first])
+    (exactly,) = run("Uyulan 2018, exact slope", [loops.exact(loop) for loop in tracking])
+    (axles,) = run("Uyulan 2018, axles of their own", [loops.own_rails(loop) for loop in first])
     true, sought, exact = map(_Columns, (tracked, seeking, exactly))
     sign, layers, layered = (_values(own, runs) for runs in (by_sign, thin, tracked))
     near_best = partial(_near_best, settings)
@@ -265,10 +253,10 @@ def _saturation(true: _Columns, settings: Sequence[Setting]) -> Claim:
     return PAPER.over_settings("saturation", ours, ours >= 0.999 * limit, column=_COLUMNS[column])
 
 
-def _values(loops: Sequence[Loop], runs: Runs) -> Numbers:
+def _values(columns: Sequence[Loop], runs: Runs) -> Numbers:
     """The function of Lyapunov along runs, [columns, rows]; each run begins on the dry surface."""
     found = []
-    for number, loop in enumerate(loops):
+    for number, loop in enumerate(columns):
         controller, plant = loop.controller, loop.plant
         assert isinstance(controller, AdaptiveRobust)
         assert isinstance(plant, ElasticAxles)

@@ -74,7 +74,7 @@ def best_slip(surface: str = "dry") -> float:
     return float(SURFACES[surface].peak(jnp.asarray(10.0)).slip)
 
 
-def loops_of(setting: Setting, method: str) -> list[Loop]:
+def of_columns(setting: Setting, method: str) -> list[Loop]:
     """The six columns of Table 1 at a setting, of one of the two methods."""
     plant, found = _plant_at(setting), []
     for case in SYSTEM.cases(SYSTEM.step):
@@ -97,18 +97,18 @@ def _plant_at(setting: Setting) -> ElasticAxles:
     return changed(plant, dynamic_mass=mass, **numbers_of(setting, "plant"))
 
 
-def layered_loop(loop: Loop, layer: float) -> Loop:
+def layered(loop: Loop, layer: float) -> Loop:
     return changed(loop, controller=changed(loop.controller, layer=jnp.asarray(layer)))
 
 
-def steeper_loop(loop: Loop) -> Loop:
+def steeper(loop: Loop) -> Loop:
     """The grade as printed, m_dyn g sin(slope)."""
     assert isinstance(loop.plant, ElasticAxles)
     share = loop.plant.dynamic_mass / loop.plant.static_mass
     return changed(loop, slope=jnp.arcsin(share * jnp.sin(loop.slope)))
 
 
-def varied_loop(loop: Loop, setting: Setting) -> Loop:
+def varied(loop: Loop, setting: Setting) -> Loop:
     """Masses and inertias that control does not know."""
     plant, mass, inertia = loop.plant, setting["mass"], setting["inertia"]
     factors = {
@@ -119,7 +119,7 @@ def varied_loop(loop: Loop, setting: Setting) -> Loop:
     return changed(loop, plant=changed(plant, **other))
 
 
-def sided_loop(loop: Loop, setting: Setting) -> Loop:
+def sided(loop: Loop, setting: Setting) -> Loop:
     right = loop.rails.surfaces.law
     peak, share = right.peak({}), (1 + setting["left"]) / 2
     largest = peak._replace(adhesion=share * peak.adhesion)
@@ -128,26 +128,26 @@ def sided_loop(loop: Loop, setting: Setting) -> Loop:
     return changed(loop, rails=rails)
 
 
-def braking_loop(loop: Loop) -> Loop:
+def braking(loop: Loop) -> Loop:
     """Traction to 12 m/s, then braking to 5 m/s."""
     limit = loop.driver.traction
     most, least = jnp.asarray(12.0), jnp.asarray(5.0)
     return changed(loop, driver=changed(loop.driver, until=most, braking=limit, down_to=least))
 
 
-def observing_loop(loop: Loop, gain: float, beside: int) -> Loop:
+def observing(loop: Loop, gain: float, beside: int) -> Loop:
     """With another gain L of the observer, from a start some billionths of a m/s beside ours."""
     other = jnp.asarray(gain)
     observer, seeker = changed(loop.observer, gain=other), changed(loop.seeker, gain=other)
     return changed(loop, observer=observer, seeker=seeker, slip=loop.slip + 1e-9 * beside)
 
 
-def exact_loop(loop: Loop) -> Loop:
+def exact(loop: Loop) -> Loop:
     numbers = (SYSTEM.step, 0.65, 1e-4, 10.0, best_slip())
     return changed(loop, seeker=ExactSlope(loop.rails, *map(jnp.asarray, numbers)))
 
 
-def own_rails_loop(loop: Loop) -> Loop:
+def own_rails(loop: Loop) -> Loop:
     """Four axles, each on a surface of its own: dry, wet, low and a fifth of the dry one."""
     level = jnp.array([1.0, 0.35, 0.1, 0.2])
     law = loop.rails.surfaces.law

@@ -1,6 +1,6 @@
 """Shares of the sets of a study in which something is so, with their intervals."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,14 +16,13 @@ from experiments.discovery_study.tasks import AUTOCORRELATIONS
 REMOVED, MISSED = 0.9, 0.1
 
 
-class _Hits(NamedTuple):
-    """Which sets of a group have a quantity."""
+class _Group(NamedTuple):
+    """Sets of one kind, and what is counted among them."""
 
     part: str
     group: str
     visible: float  # wanted, in sigma; NaN where none was
-    quantity: str
-    hits: pd.Series
+    hits: Mapping[str, pd.Series]  # by quantity
 
 
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
@@ -32,80 +31,74 @@ def rates(sets: pd.DataFrame) -> pd.DataFrame:
     The intervals are those of 95 % by Clopper and Pearson 1934; a share of no sets is NaN.
     """
     rows = []
-    for of_part in (_null_hits, _strength_hits, _pair_hits, _random_hits, _log_hits):
-        for *names, hits in of_part(sets):
-            count, right = len(hits), int(hits.sum())
-            share = (np.nan,) * 3
-            if count:
-                interval = binomtest(right, count).proportion_ci(method="exact")
-                share = (right / count, interval.low, interval.high)
-            rows.append((*names, count, right, *share))
-    columns = [*_Hits._fields[:-1], "count", "hits", "rate", "low", "high"]
+    parts = {part: sets[sets["part"] == part] for part in set(sets["part"])}
+    for part, groups in _GROUPS.items():
+        for group in groups(parts[part]) if part in parts else ():
+            for quantity, hits in group.hits.items():
+                count, right = len(hits), int(hits.sum())
+                share = (np.nan,) * 3
+                if count:
+                    interval = binomtest(right, count).proportion_ci(method="exact")
+                    share = (right / count, interval.low, interval.high)
+                rows.append((*group[:3], quantity, count, right, *share))
+    columns = [*_Group._fields[:3], "quantity", "count", "hits", "rate", "low", "high"]
     return pd.DataFrame(rows, columns=columns)
 
 
-def _null_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
-    nulls = sets[sets["part"] == "nothing"]
-    if not len(nulls):
-        return
+def _nulls(nulls: pd.DataFrame) -> Iterator[_Group]:
     claimed = nulls["claims"] > 0
-    yield _Hits("nothing", "all", np.nan, "claimed", claimed)
+    yield _Group("nothing", "all", np.nan, {"claimed": claimed})
     slow = ~nulls["autocorrelation"].isin(AUTOCORRELATIONS)
     groups = nulls.assign(autocorrelation=nulls["autocorrelation"].astype(str).mask(slow, "slow"))
     for by in ("base", "design", "autocorrelation", "run_scatter"):
         for value in sorted(set(groups[by])):
             own = claimed[groups[by] == value]
-            yield _Hits("nothing", f"{by} {value}", np.nan, "claimed", own)
+            yield _Group("nothing", f"{by} {value}", np.nan, {"claimed": own})
 
 
-def _strength_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
-    for part in ("power", "confusion"):
-        # An effect that cannot reach the wanted misfit is not counted at that strength.
-        reached = ~(sets["visible"] < 0.8 * sets["wanted"])
-        chosen = sets[(sets["part"] == part) & reached]
-        keys = chosen["wanted"].fillna(-1.0)
-        for name in dict.fromkeys(chosen["planted"]):
-            for level in sorted(set(keys[chosen["planted"] == name])):
-                same = chosen[(chosen["planted"] == name) & (keys == level)]
-                shown = float(level) if level >= 0 else np.nan
-                for quantity in ("detected", "first_right", "in_class", "extra"):
-                    yield _Hits(part, str(name), shown, quantity, same[quantity])
+def _strengths(chosen: pd.DataFrame) -> Iterator[_Group]:
+    # An effect that cannot reach the wanted misfit is not counted at that strength.
+    reached = chosen[~(chosen["visible"] < 0.8 * chosen["wanted"])]
+    for name, of_effect in reached.groupby("planted", sort=False):
+        for wanted, same in of_effect.groupby(of_effect["wanted"].fillna(-1.0)):
+            level = float(wanted) if wanted >= 0 else np.nan
+            quantities = ("detected", "first_right", "in_class", "extra")
+            part = same["part"].iloc[0]
+            yield _Group(part, str(name), level, {one: same[one] for one in quantities})
 
 
-def _pair_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
-    pairs = sets[sets["part"] == "pair"]
-    if not len(pairs):
-        return
-    for quantity, column in (("both_named", "all_named"), ("one_named", "in_class")):
-        yield _Hits("pair", "all", np.nan, quantity, pairs[column])
-    yield _Hits("pair", "all", np.nan, "extra", pairs["extra"])
+def _pairs(pairs: pd.DataFrame) -> Iterator[_Group]:
+    columns = {"both_named": "all_named", "one_named": "in_class", "extra": "extra"}
+    yield _Group("pair", "all", np.nan, {name: pairs[one] for name, one in columns.items()})
 
 
-def _random_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
+def _randoms(sets: pd.DataFrame) -> Iterator[_Group]:
     for group, same in random_groups(sets).items():
         removed = same["removed"].dropna()
-        for quantity, hits in {
-            **{name: same[name] for name in ("detected", "all_named", "in_class", "extra")},
-            "removed_90": removed >= REMOVED,
-            "missed": removed < MISSED,
-        }.items():
-            yield _Hits("random", group, np.nan, quantity, hits)
+        hits = {name: same[name] for name in ("detected", "all_named", "in_class", "extra")}
+        hits |= {"removed_90": removed >= REMOVED, "missed": removed < MISSED}
+        yield _Group("random", group, np.nan, hits)
 
 
-def _log_hits(sets: pd.DataFrame) -> Iterator[_Hits]:
+def _logs(logs: pd.DataFrame) -> Iterator[_Group]:
     """Logs with nothing hidden, by kind of log; logs with an effect, by effect over all kinds."""
-    logs = sets[sets["part"] == "log"]
     null = logs["planted"] == "nothing"
     for kind, same in logs[null].groupby("form", sort=False):
-        yield _Hits("log", f"nothing: {kind}", np.nan, "claimed", same["detected"])
+        yield _Group("log", f"nothing: {kind}", np.nan, {"claimed": same["detected"]})
     for planted, same in logs[~null].groupby("planted", sort=False):
-        said = {
-            "named": same["all_named"],
-            "named_or_doubted": same["all_named"] | same["doubted"],
-            "extra": same["extra"],
-        }
-        for quantity, hits in said.items():
-            yield _Hits("log", str(planted), np.nan, quantity, hits)
+        either = same["all_named"] | same["doubted"]
+        hits = {"named": same["all_named"], "named_or_doubted": either, "extra": same["extra"]}
+        yield _Group("log", str(planted), np.nan, hits)
+
+
+_GROUPS: Mapping[str, Callable[[pd.DataFrame], Iterator[_Group]]] = {
+    "nothing": _nulls,
+    "power": _strengths,
+    "confusion": _strengths,
+    "pair": _pairs,
+    "random": _randoms,
+    "log": _logs,
+}
 
 
 def random_groups(sets: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
