@@ -4,7 +4,7 @@ The tables of the paper are lost in the text at hand, so that almost every numbe
 claims are judged over settings.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import jax
@@ -66,29 +66,28 @@ def hxd1f_claims(progress: Callable[[str], None]) -> Found:
         "HXD1F 2019, sliding mode", [_sliding(*pair) for pair in pairs], [layered]
     )
     (axles,) = run("HXD1F 2019, axles of their own", [_own_axles(loop) for loop in plain])
-    held = values(settings, "sampling") >= 0.5
+    chosen = _either(seeking, sampled, values(settings, "sampling") >= 0.5)
     claims = [
         *_observers(plain, settings, seeking, lagging),
-        _at_the_switches(seeking, sampled, held),
-        *_search_times(seeking, sampled, held),
-        _snow(seeking, sampled, held),
+        _at_the_switches(chosen),
+        *_search_times(chosen, seeking, sampled),
+        _snow(chosen),
         _neighbourhood(settings),
         *_against_differential(seeking, differential),
         *_against_sliding(seeking, by_sign, by_layer),
         _interval(seeking, narrow, settings),
-        _no_skid(seeking, sampled, held),
+        _no_skid(chosen),
         _each_axle(axles),
         PAPER.judged("hardware"),
         PAPER.judged("processor", _operations(plain[0]), cycles=150e6 * SYSTEM.step),
     ]
-    runs = (seeking, sampled)
     cloud = Cloud(
         "HXD1F 2019: on the dry rail the best slip is found after 1 s",
         "speed k of the seeker (m/s²)",
         values(settings, "seeker.speed"),
         "adhesion used on the dry rail (%)",
-        100 * _either([each.figure("utilisation", "dry") for each in runs], held),
-        _either([each.figure("t95", "dry") for each in runs], held) <= 1.0,
+        100 * chosen.figure("utilisation", "dry"),
+        chosen.figure("t95", "dry") <= 1.0,
     )
     return Found(claims, cloud)
 
@@ -198,51 +197,39 @@ def _observers(
     ]
 
 
-def _either(pair: Sequence[Numbers], held: Flags) -> Numbers:
-    """Of an unsampled and of a sampled speed, the value of each setting under what it has."""
-    return np.where(held, pair[1], pair[0])
+def _either(seeking: Runs, sampled: Runs, held: Flags) -> Runs:
+    """Of an unsampled and of a sampled speed, the run of each setting under what it has."""
+
+    def chosen(own: Numbers, other: Numbers) -> Numbers:
+        return np.where(held.reshape(-1, *(own.ndim - 1) * [1]), other, own)
+
+    figures, trace = jax.tree.map(chosen, seeking[1:], sampled[1:])
+    return Runs(seeking.segments, figures, trace)
 
 
-def _at_the_switches(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
-    def worst(runs: Runs) -> Numbers:
-        time = runs.time
-        error = np.abs(runs.axle("observed") - runs.axle("adhesion"))
-        after = [(time > start + 0.025) & (time < start + 0.525) for start in STARTS[1:]]
-        largest = [runs.axle("largest")[:, moments].max(axis=1) for moments in after]
-        rms = [np.sqrt(np.mean(error[:, moments] ** 2, axis=1)) for moments in after]
-        return np.max(np.array(rms) / np.array(largest), axis=0)
-
-    ours = 100 * _either([worst(seeking), worst(sampled)], held)
+def _at_the_switches(runs: Runs) -> Claim:
+    time = runs.time
+    error = np.abs(runs.axle("observed") - runs.axle("adhesion"))
+    after = [(time > start + 0.025) & (time < start + 0.525) for start in STARTS[1:]]
+    largest = [runs.axle("largest")[:, moments].max(axis=1) for moments in after]
+    rms = [np.sqrt(np.mean(error[:, moments] ** 2, axis=1)) for moments in after]
+    ours = 100 * np.max(np.array(rms) / np.array(largest), axis=0)
     return PAPER.over_settings("switches", ours, ours < 5.0)
 
 
-def _search_times(seeking: Runs, sampled: Runs, held: Flags) -> list[Claim]:
-    found = []
+def _search_times(runs: Runs, seeking: Runs, sampled: Runs) -> Iterator[Claim]:
     for surface, printed in (("dry", 1.0), ("wet", 0.8)):
-        plain, with_held = (runs.figure("t95", surface) for runs in (seeking, sampled))
-        ours = _either([plain, with_held], held)
-        kept = _either([runs.figure("utilisation", surface) for runs in (seeking, sampled)], held)
-        shares = [100 * np.mean(times[1:] <= printed) for times in (plain, with_held)]
-        found.append(
-            PAPER.over_settings(
-                "search",
-                ours,
-                ours <= printed,
-                surface=surface,
-                printed=printed,
-                kept=100 * kept[0],
-                median=100 * np.median(kept),
-                shares=shares,
-            )
-        )
-    return found
+        ours, kept = runs.figure("t95", surface), 100 * runs.figure("utilisation", surface)
+        times = [each.figure("t95", surface)[1:] for each in (seeking, sampled)]
+        facts = {"surface": surface, "kept": kept[0], "median": np.median(kept)}
+        facts |= {"printed": printed, "shares": [100 * np.mean(one <= printed) for one in times]}
+        yield PAPER.over_settings("search", ours, ours <= printed, **facts)
 
 
-def _snow(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
-    used = _either([runs.figure("utilisation", "snow") for runs in (seeking, sampled)], held)
-    return PAPER.over_settings(
-        "snow", 100 * used, used >= _GOOD, good=_GOOD, median=100 * np.median(used)
-    )
+def _snow(runs: Runs) -> Claim:
+    used = runs.figure("utilisation", "snow")
+    facts = {"good": _GOOD, "median": 100 * np.median(used)}
+    return PAPER.over_settings("snow", 100 * used, used >= _GOOD, **facts)
 
 
 def _neighbourhood(settings: Sequence[Setting]) -> Claim:
@@ -341,26 +328,17 @@ def _interval(seeking: Runs, narrow: Runs, settings: Sequence[Setting]) -> Claim
     )
 
 
-def _no_skid(seeking: Runs, sampled: Runs, held: Flags) -> Claim:
-    def worst(runs: Runs) -> Numbers:
-        """The longest stretch beyond twice the best slip, s."""
-        beyond = np.abs(runs.axle("slip")) > 2 * np.abs(runs.axle("optimum"))
-        count, most = np.zeros(len(beyond)), np.zeros(len(beyond))
-        for moment in beyond.T:
-            count = np.where(moment, count + 1, 0)
-            most = np.maximum(most, count)
-        return most * (runs.time[1] - runs.time[0])
-
-    ours = _either([worst(seeking), worst(sampled)], held)
-    furthest = np.max(np.abs(seeking.axle("slip")) / np.abs(seeking.axle("optimum")), axis=1)
-    return PAPER.over_settings(
-        "skid",
-        ours,
-        ours == 0.0,
-        slip=seeking.axle("slip")[0].max(),
-        furthest=furthest[0],
-        briefly=100 * np.mean(ours[1:] < 1.0),
-    )
+def _no_skid(runs: Runs) -> Claim:
+    """The longest stretch beyond twice the best slip, s."""
+    slip, best = np.abs(runs.axle("slip")), np.abs(runs.axle("optimum"))
+    count, most = np.zeros(len(slip)), np.zeros(len(slip))
+    for moment in (slip > 2 * best).T:
+        count = np.where(moment, count + 1, 0)
+        most = np.maximum(most, count)
+    ours = most * (runs.time[1] - runs.time[0])
+    facts = {"slip": runs.axle("slip")[0].max(), "furthest": np.max(slip / best, axis=1)[0]}
+    briefly = 100 * np.mean(ours[1:] < 1.0)
+    return PAPER.over_settings("skid", ours, ours == 0.0, briefly=briefly, **facts)
 
 
 def _each_axle(axles: Runs) -> Claim:

@@ -65,19 +65,13 @@ def beaten(rows: pd.DataFrame) -> pd.DataFrame:
 def peers_text(rows: pd.DataFrame) -> str:
     """The table as text, and the sets on which a general method is better."""
     summary = summarised(rows)
+    quantiles = [f"removed_{name}" for name in ("median", "lower_quartile", "lowest_decile")]
+    three = summary[quantiles].map("{:.3f}".format)
     shown = pd.DataFrame(
         {
             "method": summary["method"],
             "hidden effects named": _of(summary["hidden_named"], summary["hidden"]),
-            "removed, median / lower quartile / lowest decile": [
-                f"{median:.3f} / {quartile:.3f} / {decile:.3f}"
-                for median, quartile, decile in zip(
-                    summary["removed_median"],
-                    summary["removed_lower_quartile"],
-                    summary["removed_lowest_decile"],
-                    strict=True,
-                )
-            ],
+            "removed, median / lower quartile / lowest decile": three.agg(" / ".join, axis=1),
             "removed >= .9": _of(summary["removed_90"], summary["removed_of"]),
             "false name": _of(summary["sets_with_false_name"], summary["sets"]),
             "null sets with a name": _of(summary["nulls_with_name"], summary["nulls"]),

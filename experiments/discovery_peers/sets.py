@@ -12,7 +12,7 @@ from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
 from experiments.campaigns.plantable import PLANTABLE
 from experiments.campaigns.runs import BASE_CURVES
-from experiments.campaigns.simulator import SetNoise, simulate
+from experiments.campaigns.simulator import simulate
 from experiments.discovery_study.judging import (
     blamed,
     columns_of,
@@ -22,7 +22,7 @@ from experiments.discovery_study.judging import (
     seen_in,
 )
 from experiments.discovery_study.otherwise import FORMS, forms_of
-from experiments.discovery_study.tasks import make_set, random_tasks
+from experiments.discovery_study.tasks import drawn_noise, make_set, random_tasks
 
 #: What is planted in the simulated sets, in turn; a third of them have nothing hidden.
 PLANTED: Sequence[tuple[str, ...]] = (
@@ -56,12 +56,7 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
     """Simulated campaigns: the forms of effects and the designs take turns, noise is drawn."""
     generator = np.random.default_rng((seed, 2))
     for number in range(count):
-        noise = SetNoise(
-            float(generator.choice([0.005, 0.01, 0.02])),
-            float(generator.choice([0.0, 0.3, 0.6])),
-            float(generator.choice([0.0, 0.005, 0.01])),
-        )
-        effects = PLANTED[number % len(PLANTED)]
+        noise, effects = drawn_noise(generator), PLANTED[number % len(PLANTED)]
         campaign = simulate(
             effects,
             seed=1000 * seed + 500 + number,

@@ -139,19 +139,11 @@ def study_text(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame) -
     for parts in (("power", "confusion"), ("pair",), ("log",)):
         wide = _wide(rates[rates["part"].isin(parts)])
         lines += ["", wide.to_string(index=False)] if len(wide) else []
-    lines += ["", *(_seconds(sets, *kind) for kind in _TIMES.items())]
+    lines.append("")
+    for column, name in (("seconds", "Seconds per set"), ("cpu_seconds", "CPU seconds per set")):
+        median, most, longest = sets[column].quantile([0.5, 0.95, 1.0])
+        lines.append(f"{name}: median {median:.2f}, 95 % below {most:.2f}, longest {longest:.2f}.")
     return "\n".join(lines)
-
-
-_TIMES = {"seconds": "Seconds per set", "cpu_seconds": "CPU seconds per set"}
-
-
-def _seconds(sets: pd.DataFrame, column: str, name: str) -> str:
-    times = sets[column]
-    return (
-        f"{name}: median {times.median():.2f}, 95 % below {times.quantile(0.95):.2f}, "
-        f"longest {times.max():.2f}."
-    )
 
 
 def _random_lines(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame) -> list[str]:
@@ -159,14 +151,8 @@ def _random_lines(rates: pd.DataFrame, removed: pd.DataFrame, sets: pd.DataFrame
     if not len(chosen):
         return []
     wide = _wide(rates[rates["part"] == "random"]).drop(columns=["part", "sigma"])
-    quantiles = removed.assign(
-        removed=[
-            f"{median:.3f} / {quartile:.3f} / {decile:.3f}"
-            for median, quartile, decile in zip(
-                removed["median"], removed["lower_quartile"], removed["lowest_decile"], strict=True
-            )
-        ]
-    )[["group", "sets", "removed"]]
+    three = removed[["median", "lower_quartile", "lowest_decile"]].map("{:.3f}".format)
+    quantiles = removed[["group", "sets"]].assign(removed=three.agg(" / ".join, axis=1))
     table = quantiles.merge(wide, on="group").rename(
         columns={
             "removed": "removed, median / lower quartile / lowest decile",

@@ -105,7 +105,7 @@ def study_tasks(
     sets = itertools.count(1000 * seed)
 
     def task(part: str, effects: tuple[str, ...], turn: int, visible: float | None = None) -> Task:
-        noise = _drawn_noise(generator)
+        noise = drawn_noise(generator)
         block = turn // len(BASE_CURVES) % 2
         operational = part == "nothing" and block == 1
         form = FORMS[(turn + block) % 2]
@@ -130,7 +130,7 @@ def study_tasks(
     ]
 
 
-def _drawn_noise(generator: np.random.Generator) -> SetNoise:
+def drawn_noise(generator: np.random.Generator) -> SetNoise:
     return SetNoise(
         float(generator.choice([0.005, 0.01, 0.02])),
         float(generator.choice(AUTOCORRELATIONS)),
@@ -161,7 +161,7 @@ def _pair_tasks(count: int, seed: int) -> list[Task]:
         base, form = BASE_CURVES[turn % len(BASE_CURVES)], FORMS[turn // len(BASE_CURVES) % 2]
         number = 1_000_000 + 1000 * seed + turn
         tasks.append(
-            Task("pair", pair, number, base, False, form, _drawn_noise(generator), visible=None)
+            Task("pair", pair, number, base, False, form, drawn_noise(generator), visible=None)
         )
     return tasks
 
@@ -184,7 +184,7 @@ def random_tasks(count: int, generator: np.random.Generator, first: int) -> list
                 base=BASE_CURVES[(turn + turn // len(kinds)) % len(BASE_CURVES)],
                 operational=False,
                 form="exact",
-                noise=_drawn_noise(generator),
+                noise=drawn_noise(generator),
                 visible=float(np.exp(generator.uniform(low, high))),
                 random=effect,
             )
