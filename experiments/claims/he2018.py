@@ -30,7 +30,6 @@ from experiments.claims.claim import (
     Numbers,
     below,
     equal,
-    near,
     of_settings,
 )
 from experiments.claims.paper import DRAWS, read_paper
@@ -86,7 +85,6 @@ def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[
         reached, reached_error = slip_at_convergence(
             ours.index.to_numpy(), relative["ml-de"].to_numpy(), error.to_numpy()
         )
-        censored = bool(np.isnan(reached_error))
         exact_reached, _ = slip_at_convergence(
             exact.index.to_numpy(),
             relative["ml-exact"].to_numpy(),
@@ -94,42 +92,19 @@ def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[
         )
         slips = ours.index.to_numpy(dtype=float)
         place = float(slips[np.abs(slips - by).argmin()])
-        percent = 100 * relative["ml-de"][place]
         bound = 100 * exact["crlb"][place] / exact["truth"][place]
-        found.append(
-            PAPER.judged(
-                "converged",
-                reached,
-                below(reached, float(np.nan_to_num(reached_error)), by, config.runs),
-                reached_error,
-                quantity=quantity,
-                by=by,
-                percent=100 * CONVERGED,
-                censored="It is so at the first estimate, and may be so before. "
-                if censored
-                else "",
-                exact_reached=exact_reached,
-                first=slips[0],
-                sigma=sigma,
-                with_variance=bound * sigma ** (-0.5),
-                printed=by,
-            )
-        )
-        found.append(
-            PAPER.judged(
-                "near_truth",
-                float(percent),
-                below(percent, 100 * error[place], 100 * CONVERGED, config.runs),
-                float(100 * error[place]),
-                quantity=quantity,
-                by=by,
-                percent=100 * CONVERGED,
-                exact=100 * relative["ml-exact"][place],
-                bound=bound,
-                on_box=100 * exact["at_bound_share"][place],
-                missed=100 * ours["failure_share"][place],
-            )
-        )
+        censored = np.isnan(reached_error)
+        first = "It is so at the first estimate, and may be so before. " if censored else ""
+        told = {"quantity": quantity, "by": by, "percent": 100 * CONVERGED, "bound": bound}
+        verdict = below(reached, float(np.nan_to_num(reached_error)), by, config.runs)
+        facts = {"exact_reached": exact_reached, "first": slips[0], "sigma": sigma, "printed": by}
+        facts |= {"censored": first, "with_variance": bound * sigma**-0.5}
+        found.append(PAPER.judged("converged", reached, verdict, reached_error, **told, **facts))
+        facts = {"exact": 100 * relative["ml-exact"][place]}
+        facts |= {"on_box": 100 * exact["at_bound_share"][place]}
+        facts |= {"missed": 100 * ours["failure_share"][place], **told}
+        percent, its_error = 100 * relative["ml-de"][place], 100 * error[place]
+        found.append(PAPER.below("near_truth", percent, its_error, config.runs, **facts))
     found.append(_largest_error(table, config.runs))
     return found
 
@@ -143,15 +118,7 @@ def _largest_error(table: pd.DataFrame, runs: int) -> Claim:
     ratio = float(others.max() / share["c3"])
     parts = [last["rmse_se"][name] / last["rmse"][name] for name in (others.idxmax(), "c3")]
     error = ratio * float(np.hypot(*parts))
-    return PAPER.judged(
-        "largest_error",
-        ratio,
-        below(ratio, error, 1.0, runs),
-        error,
-        c1=100 * share["c1"],
-        c2=100 * share["c2"],
-        c3=100 * share["c3"],
-    )
+    return PAPER.below("largest_error", ratio, error, runs, share=100 * share)
 
 
 # ------------------------------------------------------------------------------------- consistency
@@ -278,19 +245,11 @@ def consistency_claims(table: pd.DataFrame) -> list[Claim]:
         rows = table[table["quantity"] == quantity]
         ends = rows.iloc[[0, -1]]
         share = 100 * (ends["rmse"] / ends["truth"]).to_numpy()
-        found.append(
-            PAPER.judged(
-                "consistency",
-                fit.slope,
-                equal(fit.slope, fit.slope_error, -0.5),
-                fit.slope_error,
-                quantity=quantity,
-                share=share,
-                points=ends["points"].to_numpy(),
-                ratio=(ends["rmse"] / ends["crlb"]).to_numpy(),
-                on_box=100 * rows["at_bound_share"].max(),
-            )
-        )
+        facts = {"quantity": quantity, "share": share, "points": ends["points"].to_numpy()}
+        facts |= {"ratio": (ends["rmse"] / ends["crlb"]).to_numpy()}
+        facts |= {"on_box": 100 * rows["at_bound_share"].max()}
+        verdict = equal(fit.slope, fit.slope_error, -0.5)
+        found.append(PAPER.judged("consistency", fit.slope, verdict, fit.slope_error, **facts))
     return found
 
 
@@ -306,26 +265,15 @@ _SWITCHED = 64
 
 
 def fact_claims(scenario: Scenario, progress: Callable[[str], None]) -> list[Claim]:
+    dry, *others = (peak_of(RAILS[rail])[1] for rail in ("dry", "common", "wet"))
+    drops = zip(("common", "wet"), others, strict=True)
     return [
-        *_water(),
-        _humidity(),
+        *(PAPER.near("water", 100 * (1 - mu / dry), READ_OFF, rail=rail) for rail, mu in drops),
+        PAPER.judged("humidity"),
         _left_out(),
-        _real_time(),
+        PAPER.judged("real_time", 20 * 300 * 500 / 1e6),
         _switched(scenario, progress),
     ]
-
-
-def _water() -> list[Claim]:
-    dry = peak_of(RAILS["dry"])[1]
-    found = []
-    for rail in ("common", "wet"):
-        drop = 100 * (1 - peak_of(RAILS[rail])[1] / dry)
-        found.append(PAPER.judged("water", drop, near(drop, 40.0, READ_OFF), rail=rail))
-    return found
-
-
-def _humidity() -> Claim:
-    return PAPER.judged("humidity")
 
 
 def _left_out() -> Claim:
@@ -335,16 +283,8 @@ def _left_out() -> Claim:
     c4, slip, speed, c5, load = (low + (high - low) * share).T
     c5 = low[3] * (high[3] / low[3]) ** share[:, 3]
     factor = np.exp(-c4 * slip * speed) * (1 - c5 * load**2)
-    return PAPER.judged(
-        "factors",
-        float(np.median(factor)),
-        of_settings(np.abs(factor - 1) < 0.05),
-        least=factor.min(),
-    )
-
-
-def _real_time() -> Claim:
-    return PAPER.judged("real_time", 20 * 300 * 500 / 1e6)
+    verdict = of_settings(np.abs(factor - 1) < 0.05)
+    return PAPER.judged("factors", float(np.median(factor)), verdict, least=factor.min())
 
 
 def _switched(scenario: Scenario, progress: Callable[[str], None]) -> Claim:
@@ -367,6 +307,4 @@ def _switched(scenario: Scenario, progress: Callable[[str], None]) -> Claim:
     truth = peak_of(RAILS["common"])[1]
     off = 100 * np.abs(found / truth - 1)
     error = float(off.std(ddof=1) / np.sqrt(_SWITCHED))
-    return PAPER.judged(
-        "switched", float(off.mean()), below(float(off.mean()), error, 5.0, _SWITCHED), error
-    )
+    return PAPER.below("switched", float(off.mean()), error, _SWITCHED)

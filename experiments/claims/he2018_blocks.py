@@ -12,7 +12,7 @@ from adhesion_jax.metrics.information import quantity_names
 from adhesion_jax.scenarios import Scenario
 from adhesion_jax.scenarios.rails import RAILS, peak_of
 from adhesion_jax.wording import plus_minus
-from experiments.claims.claim import STANDARD_ERRORS, Claim, Flags, Numbers, below
+from experiments.claims.claim import STANDARD_ERRORS, Claim, Flags, Numbers
 from experiments.claims.he2018 import PAPER
 
 #: The two ablations, Experiment 3, and what each is called in a sentence.
@@ -133,22 +133,12 @@ def scatter_claims(blocks: Blocks, random: np.random.Generator) -> list[Claim]:
 
                 ratio, error = over("ml-de-he2018", "ml-de")
                 modified, original = over("ml-de-he2018", "ml-exact"), over("ml-de", "ml-exact")
-                found.append(
-                    PAPER.judged(
-                        "scatter",
-                        ratio,
-                        below(ratio, error, 1.0, len(values["ml-de"])),
-                        error,
-                        quantity=quantity,
-                        where=where,
-                        kind=kind,
-                        modified=plus_minus(*modified),
-                        modified_says=_against_optimum(*modified),
-                        original=plus_minus(*original),
-                        original_says=_against_optimum(*original),
-                        missed=missed,
-                    )
-                )
+                facts = {"quantity": quantity, "where": where, "kind": kind, "missed": missed}
+                for method, scattered in (("modified", modified), ("original", original)):
+                    facts[method] = plus_minus(*scattered)
+                    facts[f"{method}_says"] = _against_optimum(*scattered)
+                runs = len(values["ml-de"])
+                found.append(PAPER.below("scatter", ratio, error, runs, **facts))
     return found
 
 
@@ -180,9 +170,8 @@ def tracking_claims(tables: Mapping[str, pd.DataFrame], runs: int) -> list[Claim
         for name, words in VARIANTS.items():
             difference = float(means[name] - means["ml-de"])
             error = float(np.hypot(errors[name], errors["ml-de"]))
-            verdict, facts = below(difference, error, 0.0, runs), {"name": name, "words": words}
-            facts |= {"own": written[name], **others}
-            found.append(PAPER.judged(key, difference, verdict, error, **facts))
+            facts = {"name": name, "words": words, "own": written[name], **others}
+            found.append(PAPER.below(key, difference, error, runs, **facts))
     return found
 
 
@@ -204,14 +193,8 @@ def volatility_claims(tables: Mapping[str, pd.DataFrame], runs: int) -> list[Cla
     off = 100 * known[["rmse", "rmse_se"]].div(known["truth"], axis=0).to_numpy()
     place = int(off[:, 0].argmax())
     (percent, error), rail = map(float, off[place]), known["rail"].iloc[place]
+    facts = {"rail": rail, "peak": peak_of(RAILS[rail])[0]}
     return [
-        PAPER.judged("volatility", worst[0], below(*worst, 1.0, runs), worst[1]),
-        PAPER.judged(
-            "missing_data",
-            percent,
-            below(percent, error, 5.0, runs),
-            error,
-            rail=rail,
-            peak=peak_of(RAILS[rail])[0],
-        ),
+        PAPER.below("volatility", *worst, runs),
+        PAPER.below("missing_data", percent, error, runs, **facts),
     ]

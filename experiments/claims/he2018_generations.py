@@ -25,7 +25,7 @@ from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios import Scenario
 from adhesion_jax.wording import plus_minus
-from experiments.claims.claim import Claim, Numbers, below
+from experiments.claims.claim import Claim, Numbers
 from experiments.claims.he2018 import PAPER, over_runs
 from experiments.claims.he2018_blocks import resamples, spread
 from experiments.claims.paper import values
@@ -198,12 +198,9 @@ def generation_claims(panels: Panels, random: np.random.Generator) -> list[Claim
         more_error = float(more.std(ddof=1) / np.sqrt(len(more)))
         facts = {"start": start, "where": where, "gap": ARRIVED_GAP, "most": GENERATIONS}
         facts |= {"medians": medians, "never": [x.mean() for x in never]}
-        for key, ours, its_error, limit in (
-            ("eq17_speed", ratio, error, 1.0),
-            ("eq17_accuracy", float(more.mean()), more_error, 0.0),
-        ):
-            verdict = below(ours, its_error, limit, len(more))
-            found.append(PAPER.judged(key, ours, verdict, its_error, **facts))
+        found.append(PAPER.below("eq17_speed", ratio, error, len(more), **facts))
+        lost = (float(more.mean()), more_error, len(more))
+        found.append(PAPER.below("eq17_accuracy", *lost, **facts))
     return found
 
 
@@ -215,8 +212,8 @@ def innovation_claims(panels: Panels, random: np.random.Generator) -> list[Claim
         pair = [panel[name] for name in ("with Eq. 17", "of one sample")]
         ratio, error = median_ratio(pair[0], pair[1], random)
         facts = {"where": where, "never": [100 * np.isinf(x).mean() for x in pair]}
-        verdict = below(ratio, error, 1.0, len(pair[0]))
-        found.append(PAPER.judged("innovation", ratio, verdict, error, most=GENERATIONS, **facts))
+        runs = len(pair[0])
+        found.append(PAPER.below("innovation", ratio, error, runs, most=GENERATIONS, **facts))
     return found
 
 

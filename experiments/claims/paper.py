@@ -1,8 +1,8 @@
 """A paper: its claims and the numbers that it leaves open, as the TOML of its name tells them.
 
 There `claims` has for each claim its words, the unit of its number, the number that is printed,
-what it rests on (`assumed` unless told) and a remark, names of computed facts in braces; `ranges`
-has the numbers that are printed nowhere.
+what it rests on (`assumed` unless told), what the number is `below` where the claim is right, and
+a remark, names of computed facts in braces; `ranges` has the numbers that are printed nowhere.
 """
 
 import tomllib
@@ -24,6 +24,8 @@ from experiments.claims.claim import (
     Flags,
     Numbers,
     Verdict,
+    below,
+    near,
     of_settings,
 )
 
@@ -99,6 +101,16 @@ class Paper(NamedTuple):
         numbers = map(float, (told["printed"], ours, error))
         row = (self.name, words, *numbers, said["unit"], *verdict, said["rests_on"], remark)
         return Claim._make(row)
+
+    def below(self, key: str, ours: float, error: float, runs: int, /, **facts: Any) -> Claim:
+        """Whether a number of so many runs is `below` what the claim says."""
+        verdict = below(ours, error, self.claims[key]["below"], runs)
+        return self.judged(key, ours, verdict, error, **facts)
+
+    def near(self, key: str, ours: float, share: float, /, **facts: Any) -> Claim:
+        """Whether a number without Monte Carlo error is what is printed, to a share of it."""
+        printed = {**self.claims[key], **facts}["printed"]
+        return self.judged(key, ours, near(ours, printed, share), **facts)
 
     def over_settings(self, key: str, ours: Numbers, holds: Flags, /, **facts: Any) -> Claim:
         """The claim with its number at our setting, and whether it holds in each of those drawn."""

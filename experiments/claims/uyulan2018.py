@@ -17,7 +17,7 @@ from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.systems import uyulan2018
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED_BEST_SLIP, SURFACES, SYSTEM
 from experiments.claims import uyulan2018_loops as loops
-from experiments.claims.claim import TO_PRINT, Claim, Numbers, holding, is_near, near
+from experiments.claims.claim import TO_PRINT, Claim, Numbers, holding, is_near
 from experiments.claims.paper import Setting, values
 from experiments.claims.traction import Cloud, Found, Runs, on_plant, runs_of
 from experiments.claims.uyulan2018_loops import PAPER, SEGMENTS, best_slip
@@ -144,8 +144,7 @@ def _best_slips() -> Iterator[Claim]:
         adhesion = float(SURFACES[name].peak(jnp.asarray(10.0)).adhesion)
         low = ", less than the .02 or so commonly given for the worst leaves" * (adhesion < 0.02)
         told = {"name": name, "adhesion": adhesion, "low": low}
-        verdict = near(best_slip(name), printed, TO_PRINT)
-        yield PAPER.judged("best_slip", best_slip(name), verdict, printed=printed, **told)
+        yield PAPER.near("best_slip", best_slip(name), TO_PRINT, printed=printed, **told)
     three = [PRINTED_BEST_SLIP[name] for name in ("dry", "wet", "low")]
     apart = best_slip("low") - best_slip("dry")
     spread = max(three) - min(three)
