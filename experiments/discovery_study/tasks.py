@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -159,10 +159,8 @@ def _pair_tasks(count: int, seed: int) -> list[Task]:
             if len({family_of(name) for name in pair}) == 2:
                 break
         base, form = BASE_CURVES[turn % len(BASE_CURVES)], FORMS[turn // len(BASE_CURVES) % 2]
-        number = 1_000_000 + 1000 * seed + turn
-        tasks.append(
-            Task("pair", pair, number, base, False, form, drawn_noise(generator), visible=None)
-        )
+        told = (base, False, form, drawn_noise(generator), None)
+        tasks.append(Task("pair", pair, 1_000_000 + 1000 * seed + turn, *told))
     return tasks
 
 
@@ -176,19 +174,10 @@ def random_tasks(count: int, generator: np.random.Generator, first: int) -> list
     tasks = []
     for turn in range(count):
         effect = draw_random_effect(*kinds[turn % len(kinds)], generator)
-        tasks.append(
-            Task(
-                part="random",
-                effects=(),
-                seed=first + turn,
-                base=BASE_CURVES[(turn + turn // len(kinds)) % len(BASE_CURVES)],
-                operational=False,
-                form="exact",
-                noise=drawn_noise(generator),
-                visible=float(np.exp(generator.uniform(low, high))),
-                random=effect,
-            )
-        )
+        base = BASE_CURVES[(turn + turn // len(kinds)) % len(BASE_CURVES)]
+        noise, visible = drawn_noise(generator), float(np.exp(generator.uniform(low, high)))
+        told = (base, False, "exact", noise, visible, effect)
+        tasks.append(Task("random", (), first + turn, *told))
     return tasks
 
 
@@ -200,11 +189,9 @@ def _log_tasks(null: int, planted: int, seed: int) -> list[Task]:
     numbers = itertools.count(3_000_000 + 1000 * seed)
 
     def task(effects: tuple[str, ...], kind: tuple[Log, float]) -> Task:
-        log, slow = kind
-        noise = SetNoise(0.008, slow, 0.0)
-        return Task(
-            "log", effects, next(numbers), "burckhardt", True, "perturbed", noise, None, log=log
-        )
+        noise, number = SetNoise(0.008, kind[1], 0.0), next(numbers)
+        told = ("burckhardt", True, "perturbed", noise, None, None, kind[0])
+        return Task("log", effects, number, *told)
 
     return [
         *(task((), kind) for kind in LOGS for _ in range(null)),
@@ -229,19 +216,12 @@ def make_set(task: Task) -> SimulatedSet:
         )
 
     def with_strength(strength: float | None, noise: SetNoise = task.noise) -> SimulatedSet:
+        given: dict[str, Any] = {"seed": task.seed, "base": task.base, "noise": noise}
         if task.random is not None:
-            return simulate_random(
-                task.random, seed=task.seed, base=task.base, strength=strength, noise=noise
-            )
-        return simulate(
-            task.effects,
-            seed=task.seed,
-            base=task.base,
-            operational=task.operational,
-            strength=strength,
-            forms=forms_of(task.form, task.effects),
-            noise=noise,
-        )
+            return simulate_random(task.random, strength=strength, **given)
+        forms = forms_of(task.form, task.effects)
+        given |= {"operational": task.operational, "forms": forms}
+        return simulate(task.effects, strength=strength, **given)
 
     if task.visible is None:
         return with_strength(None)
