@@ -30,12 +30,14 @@ from experiments.claims.claim import (
     Claim,
     Flags,
     Numbers,
+    Setting,
     holding,
     is_near,
     near,
     of_settings,
+    read_paper,
+    values,
 )
-from experiments.claims.paper import Setting, read_paper, values
 from experiments.claims.traction import (
     Cloud,
     Found,

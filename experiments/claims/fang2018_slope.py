@@ -16,8 +16,7 @@ from adhesion_jax.identifiers.rls_slope import RecursiveSlope
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options, Scenario
 from adhesion_jax.scenarios.noise import Noise
-from experiments.claims.claim import Claim, Numbers, of_settings
-from experiments.claims.paper import Setting, read_paper, values
+from experiments.claims.claim import Claim, Numbers, Setting, of_settings, read_paper, values
 
 PAPER = read_paper("fang2018_slope")
 

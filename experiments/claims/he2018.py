@@ -24,6 +24,7 @@ from adhesion_jax.scenarios import Scenario
 from adhesion_jax.scenarios.noise import Noise
 from adhesion_jax.scenarios.rails import RAILS, peak_of
 from experiments.claims.claim import (
+    DRAWS,
     READ_OFF,
     Claim,
     Flags,
@@ -31,8 +32,8 @@ from experiments.claims.claim import (
     below,
     equal,
     of_settings,
+    read_paper,
 )
-from experiments.claims.paper import DRAWS, read_paper
 
 PAPER = read_paper("he2018")
 

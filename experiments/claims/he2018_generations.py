@@ -25,10 +25,9 @@ from adhesion_jax.optim import variable_projection
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios import Scenario
 from adhesion_jax.wording import plus_minus
-from experiments.claims.claim import Claim, Numbers
+from experiments.claims.claim import Claim, Numbers, values
 from experiments.claims.he2018 import PAPER, over_runs
 from experiments.claims.he2018_blocks import resamples, spread
-from experiments.claims.paper import values
 
 #: Generations [runs, blocks] by (start, steady running or switch), then by method.
 Panels = dict[tuple[str, str], dict[str, Numbers]]

@@ -23,8 +23,7 @@ from adhesion_jax.traction.signals import Measurement
 from adhesion_jax.traction.surface import with_peak
 from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.hxd1f import STARTS, SURFACES, SYSTEM
-from experiments.claims.claim import Claim, Flags, Numbers
-from experiments.claims.paper import Setting, read_paper, values
+from experiments.claims.claim import Claim, Flags, Numbers, Setting, read_paper, values
 from experiments.claims.traction import (
     Cloud,
     Found,

@@ -23,8 +23,7 @@ from adhesion_jax.identifiers.qp_qian2024 import ProgramRecursion, QuadraticProg
 from adhesion_jax.records import Known
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import QIAN2024
-from experiments.claims.claim import Claim, Numbers, of_settings
-from experiments.claims.paper import read_paper, values
+from experiments.claims.claim import Claim, Numbers, of_settings, read_paper, values
 
 PAPER = read_paper("qian2024")
 

@@ -15,8 +15,7 @@ from adhesion_jax.traction.loop import Loop, Timing, Trace, timing
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.systems.base import System
-from experiments.claims.claim import Claim, Flags, Numbers
-from experiments.claims.paper import Setting
+from experiments.claims.claim import Claim, Flags, Numbers, Setting
 
 Part = TypeVar("Part")
 

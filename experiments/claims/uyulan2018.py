@@ -17,8 +17,7 @@ from adhesion_jax.traction.plants.elastic_axles import ElasticAxles
 from adhesion_jax.traction.systems import uyulan2018
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED_BEST_SLIP, SURFACES, SYSTEM
 from experiments.claims import uyulan2018_loops as loops
-from experiments.claims.claim import TO_PRINT, Claim, Numbers, holding, is_near
-from experiments.claims.paper import Setting, values
+from experiments.claims.claim import TO_PRINT, Claim, Numbers, Setting, holding, is_near, values
 from experiments.claims.traction import Cloud, Found, Runs, on_plant, runs_of
 from experiments.claims.uyulan2018_loops import PAPER, SEGMENTS, best_slip
 

@@ -17,7 +17,7 @@ from adhesion_jax.traction.signals import Number, PerAxle, Reference, Signals
 from adhesion_jax.traction.surface import BothSides, Scaled
 from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.uyulan2018 import SURFACES, SYSTEM
-from experiments.claims.paper import Setting, read_paper
+from experiments.claims.claim import Setting, read_paper
 from experiments.claims.traction import (
     changed,
     numbers_of,

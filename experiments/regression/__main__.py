@@ -12,9 +12,8 @@ from adhesion_jax.command_line.command import Folder, run, start
 from adhesion_jax.files import write_table
 from adhesion_jax.identifiers import IDENTIFIERS
 from experiments.command import written
-from experiments.regression.accuracy import accuracy_steps, measure_accuracy
 from experiments.regression.compare import REGRESSIONS, compare, faster_of, moved_text, suspects
-from experiments.regression.speed import measure_speed
+from experiments.regression.measuring import accuracy_steps, measure_accuracy, measure_speed
 from experiments.regression.table import assemble, read_baseline
 
 #: Runs in the baseline and in what is compared with it; the comparison rests on equal numbers.

@@ -16,7 +16,7 @@ from adhesion_jax.campaign.tiles import COMPILER
 from adhesion_jax.identifiers import IDENTIFIERS, Estimate, identify
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
-from experiments.speed import all_points
+from experiments.speed.blocks import search_of_all_points
 from experiments.speed.turns import Timed, rates, timed
 
 #: The methods whose rates are followed.
@@ -111,6 +111,6 @@ def _evolution(members: int, seed: int) -> Timed:
     config = _config(_RUNS, _POINTS, seed)
     known, records = build_scenario(config).known, drawn(config)
     box = known.lower, known.upper
-    ready = all_points.search(records.slip[0], box, _RUNS, members, _GENERATIONS)
+    ready = search_of_all_points(records.slip[0], box, _RUNS, members, _GENERATIONS)
     keys, blocks = jax.random.split(jax.random.key(seed), _RUNS), records.adhesion[:, 0]
     return Timed(timed(lambda: jax.block_until_ready(ready(keys, blocks)), _RUNS))

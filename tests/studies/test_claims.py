@@ -17,7 +17,17 @@ from adhesion_jax.optim import differential_evolution as de
 from adhesion_jax.scenarios import Options
 from experiments.claims import report
 from experiments.claims.__main__ import main
-from experiments.claims.claim import below, equal, holding, near, of_settings
+from experiments.claims.claim import (
+    Paper,
+    Range,
+    below,
+    drawn,
+    equal,
+    holding,
+    near,
+    of_settings,
+    read_paper,
+)
 from experiments.claims.he2018 import (
     SIZES,
     consistency_claims,
@@ -42,7 +52,6 @@ from experiments.claims.he2018_generations import (
     median_ratio,
     median_with_error,
 )
-from experiments.claims.paper import Paper, Range, drawn, read_paper
 
 COLUMNS = [
     *("paper", "claim", "paper_number", "ours", "ours_error", "unit", "verdict"),

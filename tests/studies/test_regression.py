@@ -18,9 +18,8 @@ from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import IDENTIFIERS, Identifier
 from experiments.regression import __main__ as regression
 from experiments.regression import compare as comparison
-from experiments.regression import speed as speed_study
+from experiments.regression import measuring
 from experiments.regression.__main__ import TURNS, TURNS_AGAIN, main
-from experiments.regression.accuracy import HOMES, homes, measure_accuracy
 from experiments.regression.compare import (
     compare,
     faster_of,
@@ -30,7 +29,7 @@ from experiments.regression.compare import (
     share_p,
     suspects,
 )
-from experiments.regression.speed import measure_speed
+from experiments.regression.measuring import HOMES, homes, measure_accuracy, measure_speed
 from experiments.regression.table import ACCURACY, COLUMNS, KEYS, assemble, read_baseline
 
 NAME = "ml-exact"
@@ -205,7 +204,7 @@ def test_speed_is_a_ratio_to_the_work_of_the_peer(monkeypatch):
 
     peer.asked = 0
     monkeypatch.setattr(Tiles, "identify", identify)
-    monkeypatch.setattr(speed_study, "peer_seconds", peer)
+    monkeypatch.setattr(measuring, "peer_seconds", peer)
     (row,) = measure_speed({NAME: IDENTIFIERS[NAME]}, 3, lambda _: None).to_dict("records")
     # A tile has 128 runs: 64, 32 and 16 of them while the peer does its work.
     assert row["speed"] == pytest.approx(32.0)
@@ -418,7 +417,7 @@ def test_methods_on_streams_are_measured_off_the_textbook_too(monkeypatch):
         columns = {name: [1.0] for name in ACCURACY} | dict.fromkeys(KEYS, "x")
         return SimpleNamespace(tables={"summary": pd.DataFrame(columns)})
 
-    monkeypatch.setattr("experiments.regression.accuracy.run_campaign", campaign)
+    monkeypatch.setattr("experiments.regression.measuring.run_campaign", campaign)
     some = {name: IDENTIFIERS[name] for name in ("ml-exact", "riv", "rls-kiencke")}
     measure_accuracy(some, RUNS, 0, lambda _: None)
     away = ("qian2024-switch", "stream-coloured", "stream-burckhardt", "switch-drift")

@@ -15,8 +15,9 @@ from adhesion_jax.identifiers import IDENTIFIERS, Estimate
 from adhesion_jax.records import Record
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
-from experiments.speed import all_points, blocks, gpu, jobs, plants, recursions, scaling
+from experiments.speed import blocks, gpu, jobs, plants, recursions, scaling
 from experiments.speed.__main__ import main
+from experiments.speed.blocks import search_of_all_points
 from experiments.speed.report import told
 from experiments.speed.scaling import Batch, drawn
 from experiments.speed.turns import Timed, rates
@@ -142,7 +143,7 @@ def test_the_search_over_all_points_finds_the_optimum():
     records = jax.jit(jax.vmap(scenario.draw, out_axes=scenario.run_axes))(keys)
     slip, blocks = records.slip[0], records.adhesion[:, 0]
     lower, upper = jnp.asarray(scenario.known.lower), jnp.asarray(scenario.known.upper)
-    search = all_points.search(slip, (lower, upper), RUNS, 40, 300)
+    search = search_of_all_points(slip, (lower, upper), RUNS, 40, 300)
     found = np.asarray(search(keys, blocks))
 
     def left(x, slip, adhesion):
