@@ -3,7 +3,7 @@
 The TOML of a paper has for each of its `claims` the words, the unit of the number, the number that
 is printed, what it rests on (`assumed` unless told), what the number is `below` where the claim is
 right, and a remark, names of computed facts in braces; `ranges` has the numbers that are printed
-nowhere.
+nowhere, `cloud` what is drawn over one of them.
 """
 
 import tomllib
@@ -156,6 +156,7 @@ class Paper(NamedTuple):
     name: str
     claims: Mapping[str, Mapping[str, Any]]
     ranges: Mapping[str, Range] = {}
+    cloud: Mapping[str, str] = {}
 
     def settings(self) -> Sequence[Setting]:
         """Our own, and those drawn from the ranges."""
@@ -206,4 +207,4 @@ def read_paper(name: str) -> Paper:
     """What NAME.toml says."""
     said = tomllib.loads((Path(__file__).parent / f"{name}.toml").read_text(encoding="utf-8"))
     ranges = {one: Range(**numbers) for one, numbers in said.get("ranges", {}).items()}
-    return Paper(said["paper"], said["claims"], ranges)
+    return Paper(said["paper"], said["claims"], ranges, said.get("cloud", {}))

@@ -39,10 +39,10 @@ from experiments.claims.claim import (
     values,
 )
 from experiments.claims.traction import (
-    Cloud,
     Found,
     Runs,
     changed,
+    cloud_of,
     numbers_of,
     on_plant,
     plant_of,
@@ -107,15 +107,7 @@ def control_claims(progress: Callable[[str], None]) -> Found:
         _bench(slow, slopes[0], progress),
     ]
     used = _least_used(slopes[1])
-    cloud = Cloud(
-        "Fang et al. 2018: with K1 = 19000 for slip in km/h and K2 = 7000 near the peak\n"
-        "(near, at least 90 to 99 % of the adhesion, is drawn with the settings)",
-        "largest adhesion of road 2 (1)",
-        values(settings, "second"),
-        "adhesion used on the worse road (%)",
-        100 * used,
-        used >= values(settings, "near"),
-    )
+    cloud = cloud_of(PAPER, settings, 100 * used, used >= values(settings, "near"))
     return Found(claims, cloud, _of_gain(slopes[5]))
 
 

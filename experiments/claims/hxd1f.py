@@ -25,10 +25,10 @@ from adhesion_jax.traction.systems.base import built
 from adhesion_jax.traction.systems.hxd1f import STARTS, SURFACES, SYSTEM
 from experiments.claims.claim import Claim, Flags, Numbers, Setting, read_paper, values
 from experiments.claims.traction import (
-    Cloud,
     Found,
     Runs,
     changed,
+    cloud_of,
     numbers_of,
     on_plant,
     plant_of,
@@ -80,14 +80,8 @@ def hxd1f_claims(progress: Callable[[str], None]) -> Found:
         PAPER.judged("hardware"),
         PAPER.judged("processor", _operations(plain[0]), cycles=150e6 * SYSTEM.step),
     ]
-    cloud = Cloud(
-        "HXD1F 2019: on the dry rail the best slip is found after 1 s",
-        "speed k of the seeker (m/s²)",
-        values(settings, "seeker.speed"),
-        "adhesion used on the dry rail (%)",
-        100 * chosen.figure("utilisation", "dry"),
-        chosen.figure("t95", "dry") <= 1.0,
-    )
+    found = chosen.figure("t95", "dry") <= 1.0
+    cloud = cloud_of(PAPER, settings, 100 * chosen.figure("utilisation", "dry"), found)
     return Found(claims, cloud)
 
 

@@ -15,7 +15,7 @@ from adhesion_jax.traction.loop import Loop, Timing, Trace, timing
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.systems.base import System
-from experiments.claims.claim import Claim, Flags, Numbers, Setting
+from experiments.claims.claim import Claim, Flags, Numbers, Paper, Setting, values
 
 Part = TypeVar("Part")
 
@@ -52,6 +52,13 @@ class Cloud(NamedTuple):
     y_label: str
     y: Numbers
     holds: Flags
+
+
+def cloud_of(paper: Paper, settings: Sequence[Setting], y: Numbers, holds: Flags) -> Cloud:
+    """What the paper's file says is drawn, over its setting."""
+    said = paper.cloud
+    x = values(settings, said["setting"])
+    return Cloud(said["title"], said["x_label"], x, said["y_label"], y, holds)
 
 
 class Found(NamedTuple):

@@ -18,7 +18,7 @@ from adhesion_jax.traction.systems import uyulan2018
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED_BEST_SLIP, SURFACES, SYSTEM
 from experiments.claims import uyulan2018_loops as loops
 from experiments.claims.claim import TO_PRINT, Claim, Numbers, Setting, holding, is_near, values
-from experiments.claims.traction import Cloud, Found, Runs, on_plant, runs_of
+from experiments.claims.traction import Found, Runs, cloud_of, on_plant, runs_of
 from experiments.claims.uyulan2018_loops import PAPER, SEGMENTS, best_slip
 
 #: Coefficients of F_roll in Eq. 19.
@@ -110,15 +110,7 @@ def uyulan_claims(progress: Callable[[str], None]) -> Found:
         _roll(own[0].plant),
     ]
     worst = sought.worst("tracking_rms_settled") / best_slip()
-    cloud = Cloud(
-        "Uyulan et al. 2018: slip converges to near the best with the seeker as printed\n"
-        "(near, at most 5 to 20 % off, is drawn with the settings)",
-        "gain L of the observer (rad/s³)",
-        values(settings, "observer.gain"),
-        "error on the worst of 18 rails (% of the best slip)",
-        100 * worst,
-        worst <= values(settings, "near"),
-    )
+    cloud = cloud_of(PAPER, settings, 100 * worst, worst <= values(settings, "near"))
     falling = {
         column: [
             Line("sign as printed", tracked.time, with_sign),
