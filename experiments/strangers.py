@@ -14,16 +14,16 @@ from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
-from tqdm import tqdm
 
-from adhesion_jax import runtime
-from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
 from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, staged, write_metadata, write_table
+from adhesion_jax.files import output_directory, write_metadata, write_table
 from adhesion_jax.library.discover import discover
+from experiments import stranger_sets
+from experiments.command import described
 from experiments.stranger_sets import LABELS, Stranger, stranger
+from experiments.study import Study, studied
 
 OWN_FILES = ("sets.csv", "rates.csv", "shares.csv", "strangers.png", "metadata.json")
 #: A test error that grows by more than this factor is made worse; a share of the removable error
@@ -51,9 +51,12 @@ OF_NULLS = ("claimed", "made worse", "error foretold")
 
 
 @threadpool_limits.wrap(limits=1)
-def one_set(seed: int, number: int, null: bool) -> dict[str, object]:
-    """What is hidden in a campaign, what is reported, the errors on its test, and the seconds."""
-    made = stranger(seed, number, null)
+def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
+    """What is hidden in a campaign, what is reported, the errors on its test, and the seconds.
+
+    The campaign is told by seed, number, and whether nothing is hidden in it.
+    """
+    made, number = stranger(*task), task[1]
     began, cpu = time.perf_counter(), time.process_time()
     found = discover(made.train, made.test, seed=number, correct=True).findings
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
@@ -229,32 +232,32 @@ def draw(path: Path, sets: pd.DataFrame) -> None:
 _COUNT = click.IntRange(min=0)
 
 
-@click.command()
-@click.option("--sets", type=_COUNT, default=200, show_default=True, help="Sets with a cause.")
-@click.option("--nulls", type=_COUNT, default=400, show_default=True, help="Sets without one.")
-@click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True)
-@click.option("--out", type=Folder(), default=Path("out/strangers"), show_default=True)
-def main(sets: int, nulls: int, seed: int, workers: int, out: Path) -> None:
+@click.command(context_settings={"show_default": True})
+@click.option("--sets", type=_COUNT, default=200, help="Sets with a cause.")
+@click.option("--nulls", type=_COUNT, default=400, help="Sets without one.")
+@click.option("--seed", type=SEED, default=0)
+@click.option("--workers", type=click.IntRange(min=1), default=1)
+@click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
+@click.option("--out", type=Folder(), default=Path("out/strangers"))
+def main(sets: int, nulls: int, seed: int, workers: int, resume: bool, out: Path) -> None:
     """Run the discovery on campaigns of a generator that shares no code with it."""
-    work = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
-    if not work:
+    tasks = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
+    if not tasks:
         raise InputError("A study of no sets says nothing; give --sets or --nulls above 0.")
     start()
     directory, began = output_directory(out), time.perf_counter()
-    with staged(directory, OWN_FILES) as stage:
-        with Processes(workers).mapped(one_set, work) as rows:
-            table = pd.DataFrame(tqdm(rows, total=len(work), unit="set", disable=None))
+    config = {"sets": sets, "nulls": nulls, "seed": seed}
+    source = [Path(__file__), Path(stranger_sets.__file__)]
+    asked = {f"--{name}": str(value) for name, value in config.items()}
+    study = Study(tasks, one_set, asked, source)
+    with studied(study, directory, OWN_FILES, workers, resume) as (table, stage):
         write_table(stage / "sets.csv", table)
         write_table(stage / "rates.csv", rates(table))
         write_table(stage / "shares.csv", shares(table))
         draw(stage / "strangers.png", table)
-        config = {"sets": sets, "nulls": nulls, "seed": seed, "workers": workers}
-        seconds = time.perf_counter() - began
-        metadata = {"config": config, "wall_seconds": seconds, **runtime.describe()}
-        write_metadata(stage / "metadata.json", metadata)
+        write_metadata(stage / "metadata.json", described({**config, "workers": workers}, began))
     click.echo(text(table))
-    click.echo(f"\nWritten to {directory} in {seconds:.0f} s")
+    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 
 if __name__ == "__main__":

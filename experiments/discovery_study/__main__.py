@@ -2,16 +2,15 @@
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import click
 import pandas as pd
 
-from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
-from adhesion_jax.library.shards import compute, opened_for
 from experiments.command import described
 from experiments.discovery_study.rates import confusion, rates, shares
 from experiments.discovery_study.report import (
@@ -20,8 +19,9 @@ from experiments.discovery_study.report import (
     draw_random,
     study_text,
 )
-from experiments.discovery_study.running import Discover, Study, content, discovered, sets_of
+from experiments.discovery_study.running import Discover, discovered, row
 from experiments.discovery_study.tasks import study_tasks
+from experiments.study import Study, studied
 
 OWN_FILES = (
     *("sets.csv", "rates.csv", "confusion.csv", "shares.csv", "metadata.json"),
@@ -81,10 +81,12 @@ def study(
         raise InputError("A study of no sets says nothing; give --null or --powers above 0.")
     directory = output_directory(out)
     began = time.perf_counter()
-    job = Study(tuple(tasks), discover, sizes)
-    with opened_for("study", [job], directory, OWN_FILES, resume) as (folder, stage):
-        compute(content, [job], folder, lambda _: Processes(workers), "set")
-        sets = sets_of(folder, job.name, job.shards)
+    asked = {f"--{name.replace('_', '-')}": str(size) for name, size in sizes.items()}
+    asked["what is studied"] = f"{discover.__module__}.{discover.__qualname__}"
+    own = sorted(Path(__file__).parent.iterdir())
+    source = [path for path in own if path.suffix in (".py", ".toml")]
+    job = Study(tasks, partial(row, discover), asked, source)
+    with studied(job, directory, OWN_FILES, workers, resume) as (sets, stage):
         hits, removed = rates(sets), shares(sets)
         write_table(stage / "sets.csv", sets)
         write_table(stage / "rates.csv", hits)

@@ -1,21 +1,13 @@
-"""A study as a job in shards: one set each, of which a row is left."""
+"""What a discovery makes of a set of the study: a row."""
 
 import time
-from collections.abc import Callable, Mapping
-from hashlib import sha256
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
-from adhesion_jax.campaign.identity import own_files, surroundings
-from adhesion_jax.campaign.monte_carlo import frame_of
-from adhesion_jax.campaign.store import Content, Tell, read, rows_of
 from adhesion_jax.discovery.types import Findings
 from adhesion_jax.library.discover import discover
-from adhesion_jax.runtime import silent
 from experiments.campaigns.simulator import SimulatedSet
 from experiments.discovery_study.judging import judged
 from experiments.discovery_study.tasks import Task, make_set
@@ -27,57 +19,6 @@ Discover = Callable[[pd.DataFrame, pd.DataFrame | None, int], Findings]
 def discovered(train: pd.DataFrame, test: pd.DataFrame | None, seed: int) -> Findings:
     """The findings that a user gets from these tables; reading them is included."""
     return discover(train, test, seed=seed).findings
-
-
-class Study(NamedTuple):
-    """The sets of a study, and what is studied on them."""
-
-    tasks: tuple[Task, ...]
-    discover: Discover
-    asked: Mapping[str, int]  # the options of the command that tell what is made
-
-    @property
-    def name(self) -> str:
-        return "study"
-
-    @property
-    def runs(self) -> int:
-        return len(self.tasks)
-
-    @property
-    def shards(self) -> int:
-        return len(self.tasks)
-
-    def runs_of(self, shard: int) -> int:
-        return 1
-
-    @property
-    def record(self) -> Mapping[str, Any]:
-        own = sorted(Path(__file__).parent.iterdir())
-        source = b"".join(one.read_bytes() for one in own if one.suffix in (".py", ".toml"))
-        options = {f"--{key.replace('_', '-')}": str(value) for key, value in self.asked.items()}
-        depends = {
-            **options,
-            "what is studied": f"{self.discover.__module__}.{self.discover.__qualname__}",
-            "source of the study": sha256(source).hexdigest(),
-            **surroundings(),
-            **own_files(),
-        }
-        return {"depends on": depends}
-
-
-def content(study: Study, number: int, tell: Tell = silent) -> Content:
-    """The row of a set, which is all that is stored of it."""
-    task = study.tasks[number]
-    tell(0, task.part)
-    return Content({}, pa.Table.from_pylist([row(study.discover, task)]))
-
-
-def sets_of(folder: Path, name: str, shards: int) -> pd.DataFrame:
-    """The rows of those sets that are there, in their order."""
-    there = [number for number in range(shards) if read(folder, name, number) is not None]
-    rows = [frame_of(rows_of(folder, name, number)) for number in there]
-    return pd.concat(rows, ignore_index=True)
 
 
 def row(discover: Discover, task: Task) -> dict[str, object]:

@@ -1,15 +1,17 @@
 """The generator of strangers keeps what it states, and its study counts what is reported."""
 
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace as Bare
 from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from scipy.interpolate import make_lsq_spline
 
 from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
+from adhesion_jax.errors import InputError
 from experiments import stranger_sets, strangers
 from experiments.stranger_sets import (
     ACTING,
@@ -154,11 +156,11 @@ def effect_of(name, covariates=(), candidates=()):
     return effect
 
 
-def reported(monkeypatch, *effects):
-    """The row of set 0 where exactly these effects are reported, and half of the error removed."""
+def finding(*effects):
+    """A discovery that reports exactly these effects, and removes half of the error."""
 
     def discover(train, test, seed, correct):
-        assert (seed, correct) == (0, True)
+        assert (seed < 2, correct) == (True, True)  # the number of the set
         points = pd.DataFrame({"slip": train["slip_ratio"], "before": 0.2})
         findings = Mock(
             spec=Findings,
@@ -173,8 +175,13 @@ def reported(monkeypatch, *effects):
         )
         return Bare(findings=findings)
 
-    monkeypatch.setattr(strangers, "discover", discover)
-    return strangers.one_set(3, 0, False)
+    return Mock(side_effect=discover)
+
+
+def reported(monkeypatch, *effects):
+    """The row of set 0 where exactly these effects are reported, and half of the error removed."""
+    monkeypatch.setattr(strangers, "discover", finding(*effects))
+    return strangers.one_set((3, 0, False))
 
 
 @pytest.mark.long
@@ -218,6 +225,25 @@ def test_rates_and_shares_of_sets_counted_by_hand(monkeypatch):
     removed = strangers.shares(sets).set_index(["group", "method"]).loc[("all", "discovery")]
     assert tuple(removed[["median", "quartile"]]) == (0.25, 0.1875)
     assert "claimed" in strangers.text(sets)
+
+
+def test_a_study_that_is_resumed_computes_what_is_not_there(monkeypatch, tmp_path):
+    out, discover = tmp_path / "out", finding({"name": "covariate:x01", "covariates": ("x01",)})
+    monkeypatch.setattr(strangers, "discover", discover)
+    asked = ["--nulls", "2", "--sets", "1", "--seed", "3", "--out", str(out)]
+    run = partial(CliRunner().invoke, strangers.main, catch_exceptions=False)
+    assert run(asked).exit_code == 0
+    sets = pd.read_csv(out / "sets.csv")
+    assert {file.name for file in out.iterdir()} == {*strangers.OWN_FILES, "shards"}
+    assert (sets["claimed"].tolist(), sets["causes"].tolist()) == ([True] * 3, [0, 0, 1])
+    (out / "shards" / "study-00001.parquet").unlink()
+    assert run([*asked, "--resume"]).exit_code == 0
+    assert discover.call_count == 4
+    again = pd.read_csv(out / "sets.csv")
+    times = ["seconds", "cpu_seconds"]
+    pd.testing.assert_frame_equal(sets.drop(columns=times), again.drop(columns=times))
+    with pytest.raises(InputError, match="--sets is 1 there and 2 here"):
+        run([*asked, "--sets", "2", "--resume"])
 
 
 def test_names_of_a_class_and_its_columns():
