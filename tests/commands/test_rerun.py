@@ -25,7 +25,7 @@ CALLS = {
     "discover": ["roller-rig", "--curve=auto"],
 }
 
-LONG = ("identify", "montecarlo", "discover")
+LONG = ("identify", "track", "montecarlo", "discover")
 
 
 def ran(*arguments):

@@ -66,6 +66,7 @@ def full(matrix, *place):
     return np.array([[a, b], [b, c]])
 
 
+@pytest.mark.long
 def test_one_member_that_forgets_nothing_is_least_squares_of_the_linearised_model():
     """x = P (P0^-1 x0 + sum h y) and P = (P0^-1 + sum h h')^-1, of all samples at once."""
     slip, adhesion = stream(200, 3)

@@ -317,6 +317,7 @@ def test_the_compensated_program_is_that_of_a_loop_in_numpy():
     np.testing.assert_allclose(found, loop_of_compensation(slip, adhesion), rtol=1e-4)
 
 
+@pytest.mark.long
 def test_compensation_removes_the_bias_of_noise_in_the_regressors():
     scenario = build("qian2024", Options(sigma=0.1))
     keys = jax.random.split(jax.random.key(0), 512)

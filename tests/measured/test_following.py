@@ -180,6 +180,7 @@ def test_forgetting_follows_a_switch():
     assert one.trusted == (one.estimates["status"] == Status.TRUSTED).sum()
 
 
+@pytest.mark.long
 def test_the_standard_error_has_its_three_parts():
     table, form = sweeps(200, 6), {"mu_max": 0.02, "slip_opt": 0.1}
     below, above = A0 * np.exp(-0.1), A0 * np.exp(0.1)

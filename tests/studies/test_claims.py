@@ -441,6 +441,7 @@ def test_table_is_written_with_its_columns_and_printed_aligned(tmp_path):
     assert "a share of settings" in report.counts_text(table)
 
 
+@pytest.mark.long
 def test_figures_are_drawn(tmp_path):
     report.consistency(tmp_path / "c.png", sized(), consistency_fits(sized()))
     counts = np.array([[10.0, 20.0], [np.inf, 30.0]])

@@ -304,6 +304,7 @@ def test_runs_are_the_same_alone_and_together():
     assert len(set(np.asarray(together.segments[0].sums["utilised"]))) == 5
 
 
+@pytest.mark.long
 def test_settings_may_differ_without_a_new_compilation():
     loop = loop_of("hxd1f", "SMES, NTSMO, ABLF")
     grid = grid_of("hxd1f", loop, 0.3)

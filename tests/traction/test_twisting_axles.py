@@ -268,6 +268,7 @@ def test_where_nothing_swings_a_twisting_axle_runs_as_a_rigid_one():
     assert twists["axle_torque_over_static"] == pytest.approx(share, rel=0.02)
 
 
+@pytest.mark.long
 def test_beyond_the_peak_it_chatters():
     assert ran(SHIPPED, 1.2)["axle_torque_over_static"] > 1.2
     assert ran(SHIPPED, 0.9)["axle_torque_over_static"] < 1.05
