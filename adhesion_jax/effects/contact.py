@@ -66,7 +66,8 @@ class Hysteresis(Multiplier, Dynamic):
         ),
         needs=("time_s",),
         sentence="Adhesion differs between rising and falling slip.",
-        formula="mu (1 + k h), T dh/dt + h = tanh((d|l|/dt)/s), s in 1/s, T the memory in s",
+        formula="mu (1 + k h), T dh/dt + h = tanh((d|l|/dt)/s), s in 1/s, T the memory in s, "
+        "h = 0 before the run",
         phrase="hysteresis",
         family="in time",
         rests_on=("slip_ratio", "time_s"),
@@ -76,7 +77,7 @@ class Hysteresis(Multiplier, Dynamic):
         direction = jnp.tanh(rate(jnp.abs(slip), conditions) / self.rate)
         turning = lagged(direction, self.memory, conditions)
         if has_history(conditions):  # a run begins at rest, a step before its first point
-            passed = jnp.cumsum(steps(conditions)) + steps(conditions)[1]
+            passed = jnp.cumsum(steps(conditions)) + steps(conditions)[1:2].sum()
             turning = turning - direction[0] * jnp.exp(-passed / (self.memory + 1e-12))
         return 1 + self.k * turning
 

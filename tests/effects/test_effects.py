@@ -253,6 +253,19 @@ def fine_run(step):
     return 0.04 + 0.03 * jnp.sin(0.9 * time), conditions
 
 
+def error_of_steps(effect, step, since):
+    """The largest difference between a run step by step and the whole, from that time on."""
+    law = CorrectedLaw(BARE, (effect,), {}, CALENDAR)
+    slip, conditions = fine_run(step)
+    first = jax.tree.map(lambda column: column[0], (slip, conditions))
+    _, found = jax.lax.scan(
+        lambda memory, now: law.step(memory, *now), law.init(*first), (slip, conditions)
+    )
+    whole = law(slip, conditions)
+    assert float(jnp.max(jnp.abs(whole - BARE(slip, conditions)))) > 1e-3
+    return float(jnp.max(jnp.abs(found - whole)[conditions["time_s"] >= since]))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [name for name, cause in EFFECTS.items() if issubclass(cause, Dynamic)]
@@ -264,23 +277,17 @@ def test_step_by_step_a_memory_gives_what_the_whole_run_gives(name):
     # Ten times the constant of these would be as long as the run.
     slow = name in ("lag", "relaxation", "delay")
     effect = dataclasses.replace(start, **({} if slow else strong))
-    law = CorrectedLaw(BARE, (effect,), {}, CALENDAR)
-
-    def error_at(step):
-        slip, conditions = fine_run(step)
-        first = jax.tree.map(lambda column: column[0], (slip, conditions))
-        _, found = jax.lax.scan(
-            lambda memory, now: law.step(memory, *now), law.init(*first), (slip, conditions)
-        )
-        whole = law(slip, conditions)
-        assert float(jnp.max(jnp.abs(whole - BARE(slip, conditions)))) > 1e-3
-        # A rate is not known at the first sample: what follows from it has died away by then.
-        return float(jnp.max(jnp.abs(found - whole)[conditions["time_s"] >= 0.5]))
-
+    # A rate is not known at the first sample: what follows from it has died away by then.
     if name not in ("hysteresis", "inertia"):
-        assert error_at(0.1) < 1e-12
+        assert error_of_steps(effect, 0.1, since=0.5) < 1e-12
         return
-    coarse, fine = error_at(0.01), error_at(0.00125)
+    coarse, fine = (error_of_steps(effect, step, since=0.5) for step in (0.01, 0.00125))
+    assert coarse / fine == pytest.approx(8, rel=0.2)
+
+
+def test_a_hysteresis_of_long_memory_begins_in_a_loop_as_in_a_whole_run():
+    effect = EFFECTS["hysteresis"](k=0.3, rate=0.05, memory=2.0)
+    coarse, fine = (error_of_steps(effect, step, since=0.0) for step in (0.01, 0.00125))
     assert coarse / fine == pytest.approx(8, rel=0.2)
 
 

@@ -42,7 +42,7 @@ optimised = functools.partial(jax.jit, compiler_options={"xla_backend_optimizati
 #: Published methods, which stay as they are printed. The others are this project's own.
 PRINTED = ("qp-qian2024-1", "qp-qian2024-2", "rls-kiencke", "rls-kiencke-variable", "rls-slope")
 OWN = ("qp-bias-compensated", "riv", "bank-kiencke", "ekf", "ukf", "imm-rails", "particle")
-MARKS = {"rls-kiencke": (), "riv": pytest.mark.long}
+MARKS = {"riv": (), "rls-kiencke": pytest.mark.long}
 
 #: Where the RMSE is more than a tenth larger, or infinite: those of docs/online_at_standstill.md.
 WORSE = {
