@@ -15,16 +15,19 @@ from adhesion_jax.files import output_directory, staged, write_metadata
 @contextmanager
 def written(
     out: Path, names: Sequence[str], config: Mapping[str, object] | None = None
-) -> Iterator[Path]:
-    """A hidden folder for these files, which are moved to `out` at the end; it prints where.
+) -> Iterator[tuple[Path, Callable[[str], None]]]:
+    """A hidden folder for these files, which are moved to `out` at the end, and what tells of them.
 
-    With a configuration, that is written with the time and the machine to metadata.json.
+    What is told is printed when the files are there, so that none is lost where nobody reads it;
+    the last line says where they are. With a configuration, that is written with the time and the
+    machine to metadata.json.
     """
-    directory, began = output_directory(out), time.perf_counter()
+    directory, began, told = output_directory(out), time.perf_counter(), list[str]()
     with staged(directory, names) as stage:
-        yield stage
+        yield stage, told.append
         if config is not None:
             write_metadata(stage / "metadata.json", described(config, began))
+    click.echo("\n".join(told))
     click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 
 

@@ -128,13 +128,14 @@ def main(paper: str | None, runs: int, seed: int, out: Path) -> None:
     """Compute what the papers claim and say which claims hold, and what they rest on."""
     start()
     papers = PAPERS if paper is None else [paper]
-    with written(out, ("claims.csv", *(f"claims_{name}.png" for name in _FIGURES))) as stage:
+    names = ("claims.csv", *(f"claims_{name}.png" for name in _FIGURES))
+    with written(out, names) as (stage, tell):
         with bar("part") as advance:
             work = Work(runs, seed, stage, advance)
             table = report.claims_table(claim for name in papers for claim in PAPERS[name](work))
         write_table(stage / "claims.csv", table)
-        click.echo(report.claims_text(table))
-        click.echo(f"\n{report.counts_text(table)}")
+        tell(report.claims_text(table))
+        tell(f"\n{report.counts_text(table)}")
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ def main(
         raise InputError("There is no set to work on; give --simulated above 0 or --sets FOLDER.")
     rows: list[Row] = []
     config = {"simulated": simulated, "random": random, "sets": len(stored), "seed": seed}
-    with written(out, OWN_FILES, config) as stage:
+    with written(out, OWN_FILES, config) as (stage, tell):
         total = (len(stored) + simulated + random) * len(methods)
         parts = chain(stored, simulated_sets(simulated, seed), random_sets(random, seed))
         with bar("fit", total) as advance:
@@ -85,7 +85,7 @@ def main(
         write_table(stage / "peer_sets.csv", table)
         write_table(stage / "peers.csv", summarised(table))
         draw_peers(stage / "peers.png", table)
-        click.echo(peers_text(table))
+        tell(peers_text(table))
 
 
 def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: int) -> Iterator[Row]:

@@ -50,15 +50,17 @@ def main(baseline: Path, update: bool, out: Path) -> None:
     before = None if update else read_baseline(baseline)
     bad = False
     names = (baseline.name,) if update else ("regression.csv", "comparison.csv")
-    with written(baseline.parent if update else out, names) as stage:
+    with written(baseline.parent if update else out, names) as (stage, tell):
         # On one core: a process that may use two spends up to three times the CPU-seconds.
         runtime.take_core(runtime.cores_of(runtime.CORES)[-1])
         fresh = _measured(BASELINE_SEED if update else CHECK_SEED, before)
         write_table(stage / names[0], fresh)
-        if before is not None:
+        if before is None:
+            tell(f"The baseline is now {baseline}")
+        else:
             compared = compare(before, fresh)
             write_table(stage / "comparison.csv", compared)
-            click.echo(moved_text(compared))
+            tell(moved_text(compared))
             bad = bool(compared["verdict"].isin(REGRESSIONS).any())
     sys.exit(int(bad))
 

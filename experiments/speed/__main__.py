@@ -33,13 +33,13 @@ def main(repeats: int, seed: int, out: Path) -> None:
     # All but the jobs on one core: a process that may use two spends up to twice the CPU-seconds.
     cores = runtime.cores_of(runtime.CORES)
     runtime.take_core(cores[-1])
-    with written(out, ("speed.csv", "speed.png", "speed_scaling.png")) as stage:
+    with written(out, ("speed.csv", "speed.png", "speed_scaling.png")) as (stage, tell):
         with tempfile.TemporaryDirectory() as folder:
             table = _table(plants.compiled(Path(folder)), repeats, seed, cores)
         write_table(stage / "speed.csv", table)
         draw_rates(stage / "speed.png", table)
         draw_scaling(stage / "speed_scaling.png", table)
-        click.echo(told(table))
+        tell(told(table))
 
 
 def _table(
