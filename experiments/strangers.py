@@ -236,7 +236,12 @@ _COUNT = click.IntRange(min=0)
 @click.option("--sets", type=_COUNT, default=200, help="Sets with a cause.")
 @click.option("--nulls", type=_COUNT, default=400, help="Sets without one.")
 @click.option("--seed", type=SEED, default=0)
-@click.option("--workers", type=click.IntRange(min=1), default=1)
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    help="Processes; the results do not depend on their number.",
+)
 @click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
 @click.option("--out", type=Folder(), default=Path("out/strangers"))
 def main(sets: int, nulls: int, seed: int, workers: int, resume: bool, out: Path) -> None:
@@ -255,7 +260,8 @@ def main(sets: int, nulls: int, seed: int, workers: int, resume: bool, out: Path
         write_table(stage / "rates.csv", rates(table))
         write_table(stage / "shares.csv", shares(table))
         draw(stage / "strangers.png", table)
-        write_metadata(stage / "metadata.json", described({**config, "workers": workers}, began))
+        config |= {"workers": workers, "resumed": resume}
+        write_metadata(stage / "metadata.json", described(config, began))
     click.echo(text(table))
     click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
 

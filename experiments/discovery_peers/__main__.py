@@ -47,7 +47,7 @@ Row = dict[str, object]
     "--random",
     type=click.IntRange(min=0),
     default=0,
-    help="Simulated sets with an effect that is a random function of one or two columns.",
+    help="Simulated sets with an effect that is a random smooth function of one or two columns.",
 )
 @click.option("--sets", type=click.Path(path_type=Path), help="Folder of stored sets to add.")
 @click.option("--methods", type=Names(METHODS), default=METHODS, help="Names divided by commas.")

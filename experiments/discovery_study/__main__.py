@@ -11,6 +11,7 @@ import pandas as pd
 from adhesion_jax.command_line.command import SEED, Folder, run, start
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import output_directory, write_metadata, write_table
+from experiments import campaigns
 from experiments.command import described
 from experiments.discovery_study.rates import confusion, rates, shares
 from experiments.discovery_study.report import (
@@ -33,7 +34,7 @@ SIZES: Mapping[str, tuple[int, str]] = {
     "null": (200, "Sets with nothing hidden in them; the noise of half of them is slow."),
     "powers": (10, "Sets of each effect and strength."),
     "pairs": (24, "Sets with two effects of different families."),
-    "random": (100, "Sets with an effect that is a random function of one or two columns."),
+    "random": (100, "Sets with an effect that is a random smooth function of one or two columns."),
     "logs": (0, "Logs of each kind, with nothing hidden but the noise of the slip."),
     "log-effects": (0, "Logs with each of three effects, the kinds of logs by turns."),
 }
@@ -83,7 +84,8 @@ def study(
     began = time.perf_counter()
     asked = {f"--{name.replace('_', '-')}": str(size) for name, size in sizes.items()}
     asked["what is studied"] = f"{discover.__module__}.{discover.__qualname__}"
-    own = sorted(Path(__file__).parent.iterdir())
+    folders = (Path(campaigns.__file__).parent, Path(__file__).parent)
+    own = [path for folder in folders for path in sorted(folder.iterdir())]
     source = [path for path in own if path.suffix in (".py", ".toml")]
     job = Study(tasks, partial(row, discover), asked, source)
     with studied(job, directory, OWN_FILES, workers, resume) as (sets, stage):
@@ -99,8 +101,8 @@ def study(
         if "random" in parts:
             write_table(stage / "shares.csv", removed)
             draw_random(stage / "random.png", sets)
-        metadata = described({**sizes, "workers": workers}, began)
-        write_metadata(stage / "metadata.json", metadata)
+        config = {**sizes, "workers": workers, "resumed": resume}
+        write_metadata(stage / "metadata.json", described(config, began))
     click.echo(study_text(hits, removed, sets))
     click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
     return hits

@@ -1,5 +1,6 @@
 """The generator of strangers keeps what it states, and its study counts what is reported."""
 
+import json
 from functools import cache, partial
 from types import SimpleNamespace as Bare
 from unittest.mock import Mock
@@ -240,6 +241,7 @@ def test_a_study_that_is_resumed_computes_what_is_not_there(monkeypatch, tmp_pat
     assert run([*asked, "--resume"]).exit_code == 0
     assert discover.call_count == 4
     again = pd.read_csv(out / "sets.csv")
+    assert json.loads((out / "metadata.json").read_text())["config"]["resumed"]
     times = ["seconds", "cpu_seconds"]
     pd.testing.assert_frame_equal(sets.drop(columns=times), again.drop(columns=times))
     with pytest.raises(InputError, match="--sets is 1 there and 2 here"):

@@ -1,4 +1,6 @@
 import hashlib
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,6 +11,7 @@ from adhesion_jax.discovery.types import Doubt, Errors, Findings, FoundEffect, I
 from adhesion_jax.effects import family_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.library.status import status
+from experiments import campaigns
 from experiments.campaigns.plantable import PLANTABLE
 from experiments.campaigns.runs import BASE_CURVES
 from experiments.campaigns.simulator import SetNoise
@@ -325,6 +328,18 @@ def test_workers_and_a_study_that_is_resumed_give_the_rows_of_one_process(tmp_pa
     assert again["seconds"][kept].tolist() == before["seconds"][kept].tolist()
     with pytest.raises(InputError, match="--null is 3 there and 4 here"):
         study({**sizes, "null": 4}, two, nothing_found, resume=True)
+
+
+def test_a_study_is_not_resumed_with_another_simulator(tmp_path, monkeypatch):
+    sizes = {"null": 1, "powers": 0, "seed": 6}
+    study(sizes, tmp_path / "out", nothing_found)
+    other = shutil.copytree(Path(campaigns.__file__).parent, tmp_path / "campaigns")
+    monkeypatch.setattr(campaigns, "__file__", str(other / "__init__.py"))
+    study(sizes, tmp_path / "out", nothing_found, resume=True)
+    with (other / "simulator.py").open("a") as simulator:
+        simulator.write("# changed")
+    with pytest.raises(InputError, match="source of the study"):
+        study(sizes, tmp_path / "out", nothing_found, resume=True)
 
 
 @pytest.mark.thorough
