@@ -38,6 +38,9 @@ from experiments.claims.traction import (
 
 PAPER = read_paper("hxd1f")
 
+#: The time after which the observer tracks adhesion, s.
+_OBSERVED = PAPER.claims["observer_time"]["printed"]
+
 #: "Good" use of a rail is read as this share of the largest adhesion, at least.
 _GOOD = 0.9
 
@@ -176,7 +179,7 @@ def _observers(
     double, _ = settling([_full_dimension(setting) for setting in settings], plants)
     wet = [float(runs.figure("utilisation", "wet")[0]) for runs in (seeking, slow)]
     return [
-        PAPER.over_settings("observer_time", sliding, sliding <= 0.025),
+        PAPER.over_settings("observer_time", sliding, sliding <= _OBSERVED),
         PAPER.over_settings("observer_error", 100 * left, left < 1e-3),
         PAPER.over_settings(
             "observer_faster",
@@ -203,7 +206,7 @@ def _either(seeking: Runs, sampled: Runs, held: Flags) -> Runs:
 def _at_the_switches(runs: Runs) -> Claim:
     time = runs.time
     error = np.abs(runs.axle("observed") - runs.axle("adhesion"))
-    after = [(time > start + 0.025) & (time < start + 0.525) for start in STARTS[1:]]
+    after = [(time > start + _OBSERVED) & (time < start + _OBSERVED + 0.5) for start in STARTS[1:]]
     largest = [runs.axle("largest")[:, moments].max(axis=1) for moments in after]
     rms = [np.sqrt(np.mean(error[:, moments] ** 2, axis=1)) for moments in after]
     ours = 100 * np.max(np.array(rms) / np.array(largest), axis=0)

@@ -30,7 +30,7 @@ _SIGN = 1e-9
 _COLUMNS = ["-".join(column) for column in uyulan2018.PRINTED]
 
 #: Power of a motor of the train, W.
-_MOTOR = 120e3
+_MOTOR = 1e3 * PAPER.claims["power"]["printed"]
 
 #: Radius of a curve to which Roeckl's formula has other numbers than to that of the paper, m.
 _CURVE = 300.0
