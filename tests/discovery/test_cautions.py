@@ -65,6 +65,24 @@ def test_a_slip_that_was_hardly_measured_is_told(training, said):
     assert [words[:5] for _, words in (*column, *slip)] == ["100 %", "100 %"]
 
 
+def test_a_slip_beyond_that_of_its_own_side_is_told(training):
+    """Traction to .06 and braking to .12 in training: traction to .1 is extrapolated."""
+    slip = np.linspace(-0.12, 0.06, len(training))
+    both = training.assign(slip_ratio=slip, adhesion=np.sign(slip) * curve(np.abs(slip)))
+    problem, runs = problem_of(both), runs_of(both)
+    law = CorrectedLaw(CURVES["burckhardt"], (), ranges_of(problem, runs), problem.calendar)
+
+    def of(slip):
+        adhesion = np.sign(slip) * curve(np.abs(slip))
+        test = runs_of(training.assign(slip_ratio=slip, adhesion=adhesion))
+        return extrapolated([], problem, law, runs, matching(runs, test))
+
+    ((share, words),) = of(np.linspace(-0.11, 0.1, len(training)))
+    assert share == pytest.approx(0.04 / 0.21, abs=1e-3)
+    assert "(0.06 in traction, 0.12 in braking)" in words
+    assert of(np.linspace(-0.11, 0.055, len(training))) == []
+
+
 def test_a_column_of_the_law_with_a_gap_is_told_where_the_test_data_fill_it(training, said):
     warm = training["warm"]
     between = training.assign(warm=warm.where(training["run"] % 4 > 0, 0.5 + 0.05 * warm))

@@ -131,20 +131,29 @@ def extrapolated(
                 "its value at the edge.",
             )
         )
-    slips, judged = np.abs(runs.whole.slip), np.abs(test.whole.slip)
-    largest = float(slips.max())
-    share = float(np.mean(judged > largest))
+    slip, judged = runs.whole.slip, test.whole.slip
+    # Traction and braking may have reached different slips, and the curve of each is its own.
+    reach = {side: np.abs(slip[np.sign(slip) == side]).max(initial=0.0) for side in (1, -1)}
+    reach = {side: largest or max(reach.values()) for side, largest in reach.items()}
+    share = float(np.mean(np.abs(judged) > np.where(judged < 0, reach[-1], reach[1])))
     if share <= rules.MUCH_OUTSIDE:
-        found += _apart("a slip", judged, slips)
+        found += _apart("a slip", np.abs(judged), np.abs(slip))
     if share > rules.FEW_OUTSIDE:
         found.append(
             (
                 share,
                 f"{percent(share)} of the test points have a larger slip than any training "
-                f"point ({largest:.4g}): there the curve is extrapolated.",
+                f"point ({_reaches(reach)}): there the curve is extrapolated.",
             )
         )
     return sorted((one for one in found if one[0] > 0), reverse=True)
+
+
+def _reaches(reach: Mapping[int, float]) -> str:
+    """The largest slips of traction and braking, in words."""
+    if reach[1] == reach[-1]:
+        return f"{reach[1]:.4g}"
+    return f"{reach[1]:.4g} in traction, {reach[-1]:.4g} in braking"
 
 
 def _apart(what: str, test: np.ndarray, training: np.ndarray) -> list[tuple[float, str]]:
