@@ -57,3 +57,16 @@ def test_what_acts_through_each_of_two_columns_is_two_effects(null):
         ("position_m",),
         ("rail_age_days",),
     ]
+
+
+@pytest.mark.long
+def test_what_an_accepted_column_does_with_another_one_is_found_beside_it(null):
+    """A surface is too smooth for what the first column does alone, of which no cause is known."""
+    table = null.rename(columns={"position_m": "x"})
+    u, v = shares(table["x"]), shares(table["rail_age_days"])
+    acting = 0.15 * np.cos(2 * np.pi * u) + 0.08 * u * v
+    found = searched(table.assign(adhesion=null["adhesion"] * np.exp(acting)))
+    alone, both = found.accepted
+    assert alone.covariates == ("x",)
+    assert {*both.covariates} == {"x", "rail_age_days"}
+    assert float(both.parts[0].k11) == pytest.approx(0.08, rel=0.15)

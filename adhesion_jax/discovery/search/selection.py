@@ -138,7 +138,9 @@ def _scanned(
 ) -> Sequence[Score]:
     """Waves by their coherence over runs, then pairs of the columns of best score."""
     lines = waves(nulls[0], [effect.name for effect in state.accepted], seed)
-    columns = [label for label in _columns_of(scores) if label not in _OF_THE_SLIP]
+    # What else the effect of a column rests on may show beside it alone.
+    own = [name for effect in state.accepted for name in effect.covariates]
+    columns = [label for label in (*own, *_columns_of(scores)) if label not in _OF_THE_SLIP]
     pairs = _open(surfaces(state.setting.problem, columns[: rules.PAIRED_COLUMNS]), state)
     joint = screen([(null, pairs) for null in nulls], seed) if pairs else []
     return [*sorted(lines, key=_by_p), *sorted(joint, key=_by_p)]
