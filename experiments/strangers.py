@@ -45,9 +45,10 @@ QUANTITIES = (
     "made worse",
     "behind trees",
     "behind trees, untold",
+    "trees told",
     "error foretold",
 )
-OF_NULLS = ("claimed", "made worse", "error foretold")
+OF_NULLS = ("claimed", "made worse", "trees told", "error foretold")
 
 
 @threadpool_limits.wrap(limits=1)
@@ -87,6 +88,7 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
         "made worse": after > WORSE * before,
         "behind trees": behind,
         "behind trees, untold": behind and found.opinion is None,
+        "trees told": found.opinion is not None,
         "error foretold": _foretold(found.validation.after, found.test.after),
         "before": before,
         "after": after,

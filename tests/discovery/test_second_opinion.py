@@ -6,6 +6,7 @@ import pytest
 from scipy.signal import lfilter
 
 import adhesion_jax as aj
+from adhesion_jax.discovery.search.rules import OPINION_HINTED, OPINION_SIGNIFICANT
 from adhesion_jax.discovery.search.second_opinion import second_opinion
 
 RUNS, POINTS = 28, 200
@@ -49,9 +50,29 @@ def noise(seed, correlation, scatter, runs=RUNS):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("correlation", "scatter"), [(0.0, 0.0), (0.9, 0.0), (0.5, 1.5)])
 def test_noise_is_no_opinion(correlation, scatter):
+    hints = 0
     for seed in range(5):
         columns, run = campaign(seed)
-        assert second_opinion(columns, noise(seed, correlation, scatter), run, OWN, seed) is None
+        opinion = second_opinion(columns, noise(seed, correlation, scatter), run, OWN, seed)
+        hints += opinion is not None
+        assert opinion is None or (opinion.columns, opinion.correction) == ((), None)
+    assert hints <= 2  # more of 5 by chance with p < .01
+
+
+def test_what_may_be_chance_is_a_hint_without_columns_and_correction():
+    columns, run = campaign(3)
+    wet = columns["relative_humidity_pct"] > 60
+    found = [
+        second_opinion(columns, size * (wet - wet.mean()) + noise(3, 0.5, 1.0), run, OWN, 0)
+        for size in (0.0, 1.5, 4.0)
+    ]
+    nothing, hint, sure = found
+    assert nothing is None
+    assert (hint.columns, hint.correction) == ((), None)
+    assert OPINION_SIGNIFICANT < hint.p <= OPINION_HINTED
+    assert 0 < hint.explained < sure.explained
+    assert sure.p <= OPINION_SIGNIFICANT
+    assert sure.columns == ("relative_humidity_pct",)
 
 
 @pytest.mark.long

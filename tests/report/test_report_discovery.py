@@ -30,7 +30,7 @@ from adhesion_jax.curves import BASES
 from adhesion_jax.data.events import events_of
 from adhesion_jax.data.reading import to_measured
 from adhesion_jax.discovery.search.screening import least_p
-from adhesion_jax.discovery.types import Interval
+from adhesion_jax.discovery.types import Interval, Opinion
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.files import staged
@@ -324,6 +324,12 @@ def test_verdict_of_doubts_and_of_the_second_opinion():
     )
     unnamed = verdict(doubted()._replace(opinion=OPINION._replace(columns=())))
     assert "fitted to, from the slip itself, or columns that go together (p = 0.0003)" in unnamed
+    hint = doubted()._replace(opinion=Opinion((), 0.07, 0.04, 0.03), doubts=())
+    assert verdict(hint) == (
+        "No effect is claimed, but boosted trees predict 7.0 % ± 4.0 % of the squared residual "
+        "(outliers cut) of rows that they were not fitted to (p = 0.03). That is a hint: something "
+        f"may be missing, or this is chance; more runs would decide. {ERROR_ALONE}"
+    )
 
 
 def test_a_correction_by_trees_is_offered_and_named_as_what_it_is():

@@ -57,7 +57,9 @@ def second_opinion(
     own: Sequence[str],
     seed: int,
 ) -> Opinion | None:
-    """What boosted trees predict of the residual of runs left out; None if that may be chance.
+    """What boosted trees predict of the residual of runs left out; None if that is likely chance.
+
+    A hint, of which chance is not excluded, has no columns and no correction.
 
     `features` are columns [points] of numbers; one with gaps is left out. `residual` [points] is
     measured less predicted adhesion, in any unit, its sign that of traction; `runs` [points] is the
@@ -97,8 +99,11 @@ def second_opinion(
     ]
     best = min(trials, key=lambda trial: trial.p)
     p = min(1.0, len(trials) * best.p)
-    if p > rules.OPINION_SIGNIFICANT:
+    if p > rules.OPINION_HINTED:
         return None
+    before = _mean_by_run(error**2, run)
+    if p > rules.OPINION_SIGNIFICANT:
+        return Opinion((), *_explained(best.gain, before), p)
     size = _TREES
     for trees in _MORE_TREES:
         longer = _trial(columns, best.left, run, fold, trees)
@@ -106,16 +111,21 @@ def second_opinion(
             break
         best, size = longer, trees
     rise = _rise(best, columns, run, fold, generator)
-    gain, before = best.gain, _mean_by_run(error**2, run)
-    explained = gain.sum() / before.sum()
-    spread = np.std(gain - explained * before, ddof=1) * np.sqrt(count) / before.sum()
+    explained, spread = _explained(best.gain, before)
     named = _named(rise, [place for place, name in enumerate(names) if name not in own])
     correction = None
     if explained > spread:
         model = _fitted(columns, best.left, size, _leaf(run.size))
         correction = partial(_corrected, model, tuple(names), unit)
     of = tuple(names[place] for place in named)
-    return Opinion(of, float(explained), float(spread), p, correction)
+    return Opinion(of, explained, spread, p, correction)
+
+
+def _explained(gain: np.ndarray, before: np.ndarray) -> tuple[float, float]:
+    """The share of the squared error that is removed, and its standard error over runs [runs]."""
+    explained = gain.sum() / before.sum()
+    spread = np.std(gain - explained * before, ddof=1) * np.sqrt(gain.size) / before.sum()
+    return float(explained), float(spread)
 
 
 def _corrected(

@@ -144,7 +144,13 @@ _DROPPED = "not counted as an effect"
 def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
     known = {word.__name__: word for word in (percent, error, error_in_brackets)}
-    return sentences_of("opinion.txt", findings=findings, opinion=opinion, **known)[0]
+    return sentences_of(
+        "opinion.txt",
+        findings=findings,
+        opinion=opinion,
+        hinted_above=rules.OPINION_SIGNIFICANT,
+        **known,
+    )[0]
 
 
 def verdict(findings: Findings) -> str:
