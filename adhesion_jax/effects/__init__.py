@@ -10,6 +10,7 @@ from adhesion_jax.effects.api import Effect as Effect
 from adhesion_jax.effects.contact import Cleaning, Hysteresis, Relaxation, Sanding
 from adhesion_jax.effects.labels import Labels as Labels
 from adhesion_jax.effects.load import LoadPeak, LoadSlope, LoadTransfer
+from adhesion_jax.effects.one_column import Constant as Constant
 from adhesion_jax.effects.one_column import Covariate as Covariate
 from adhesion_jax.effects.one_column import Memory as Memory
 from adhesion_jax.effects.one_column import Periodic as Periodic
@@ -61,6 +62,7 @@ EFFECTS: MutableMapping[str, type[Cause]] = {
 KINDS: Mapping[str, type[Effect]] = ChainMap(
     {
         "covariate": Covariate,
+        "constant": Constant,
         "spline": Spline,
         "labels": Labels,
         "memory": Memory,

@@ -46,6 +46,35 @@ class Covariate(ShapeTerm):
         ]
 
 
+class Constant(ShapeTerm):
+    """g = k, beside a form that is zero at the middle of its column.
+
+    A curve takes up what is constant of its level, its slip scale and its fall, and no offset and
+    no shift: it passes through the origin.
+    """
+
+    k: Scalar
+
+    FACTS = Form(
+        source="the term of degree zero of any smooth dependence",
+        described={"k": ("1", -3.0, 3.0, "what g is at the middle of the column")},
+        strengths=("k",),
+        formula="g = k, beside a form that is zero at the middle of its column",
+        phrase="a constant beside what {} does",
+    )
+
+    def log_factor(self, conditions: Conditions) -> Values:
+        return jnp.asarray(self.k)
+
+    @classmethod
+    def at_places(cls) -> np.ndarray:
+        return np.ones((6, 1))
+
+    @classmethod
+    def starts(cls, columns: Columns) -> list[ShapeTerm]:
+        return [cls(0.02)]
+
+
 class Memory(ShapeTerm):
     """g = k (y - z0)/s with T y' + y = z, z any column, z0 its median and s its spread.
 

@@ -1,10 +1,11 @@
 """What is made of an effect once it is found: its form, and what is left undecided."""
 
+import dataclasses
 from itertools import permutations
 
 import numpy as np
 import pytest
-from discovery_campaigns import SIZE, state_of
+from discovery_campaigns import SIZE, campaign, curve, state_of
 
 from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search.catalogue import entry_of
@@ -12,9 +13,9 @@ from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refined
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.selection import undecided
-from adhesion_jax.discovery.search.state import Accepted, slots_of, with_parts
+from adhesion_jax.discovery.search.state import Accepted, slots_of, with_constants, with_parts
 from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.effects import EFFECTS, Covariate, Interaction, Labels, Periodic
+from adhesion_jax.effects import EFFECTS, Constant, Covariate, Interaction, Labels, Periodic
 from adhesion_jax.effects.shape import ACTS_ON
 from experiments.campaigns.simulator import simulate
 
@@ -181,3 +182,31 @@ def test_what_stood_out_and_was_not_accepted_is_undecided(quiet):
     assert undecided(state._replace(ranking=(*rows, row("patch", 0.001, 9.0, "accepted")))) == ()
     assert undecided(state._replace(ranking=rows[-1:])) == ()
     assert undecided(state._replace(ranking=())) == ()
+
+
+@pytest.mark.parametrize("acts_on", ["offset", "shift"])
+def test_an_offset_or_a_shift_need_not_be_nothing_at_the_middle_of_its_column(acts_on):
+    """A curve has neither; within 3 % of the truth and to the noise, and no bend is made of it."""
+    draw = np.random.default_rng(5)
+    table = campaign(draw, kind="both")
+    slip, warm = table["slip_ratio"], table["warm"]
+    added = {"offset": 0.0, "shift": 0.0, acts_on: {"offset": 0.01, "shift": 0.002}[acts_on]}
+    more = curve(slip + added["shift"] * (1 + warm)) + added["offset"] * (1 + warm)
+    line = Covariate(0.0, 0.0, 1.0, column="warm", acts_on=acts_on)
+    state = state_of(
+        table.assign(adhesion=more + draw.normal(0, 0.001, len(table))),
+        taken("covariate:warm", line, "warm", generic=True),
+    )
+    (effect,) = state.accepted
+    slope, constant = effect.parts
+    assert isinstance(constant, Constant)
+    assert constant.acts_on == acts_on
+    assert float(slope.k) == pytest.approx(added[acts_on], rel=0.03)
+    assert float(constant.k) == pytest.approx(added[acts_on], rel=0.03)
+    inside = state.setting.problem.points > 0
+    assert np.sqrt(np.mean(state.fitted.error[inside] ** 2)) == pytest.approx(0.001, rel=0.05)
+    # Where nothing acts on it any more there is no constant.
+    level = dataclasses.replace(line, acts_on="level")
+    (bare,) = with_constants([effect._replace(parts=(level, constant))])
+    assert bare.parts == (level,)
+    assert with_constants([effect]) == (effect,)

@@ -63,7 +63,8 @@ def _adhesion(
 
     def shape(slot: Array, sums: Array) -> Array:
         nothing = jnp.zeros_like(slip)
-        own = acting(places.shapes, slot, lambda term, seen, _: term.log_factor(seen), nothing)
+        # A constant has no shape of its own.
+        own = acting(places.shapes, slot, lambda one, seen, to: to + one.log_factor(seen), nothing)
         return sums.at[model.column[slot, 2]].add(own)
 
     def before(turn: Array, bent: Array) -> Array:

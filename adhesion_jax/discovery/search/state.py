@@ -6,7 +6,10 @@ from typing import NamedTuple
 from adhesion_jax.discovery.model.fitting import Fitted, Setting, refitted, robustly_fitted
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.effects import Effect
+from adhesion_jax.effects import Constant, Effect, ShapeTerm
+
+#: What no curve has a constant of, since each passes through the origin.
+_AT_THE_ORIGIN = ("offset", "shift")
 
 
 class Accepted(NamedTuple):
@@ -76,11 +79,38 @@ def all_but(accepted: Sequence[Accepted], number: int) -> tuple[Accepted, ...]:
 
 
 def settled(state: Selection, accepted: Sequence[Accepted]) -> Selection:
-    """The state with these effects: refitted, with the weights that its own residual asks for."""
+    """The state with these effects: refitted, with the weights that its own residual asks for.
+
+    Beside forms of an offset or a shift stands a constant.
+    """
+    accepted = with_constants(accepted)
     fitted = robustly_fitted(refitted(state.fitted, parts_of(accepted)))
     return state._replace(
         fitted=fitted, accepted=with_parts(accepted, slots_of(accepted), fitted.effects)
     )
+
+
+def with_constants(accepted: Sequence[Accepted]) -> tuple[Accepted, ...]:
+    """The effects, the first that acts on an offset with a constant of it, and so of a shift."""
+    old = [part for part in parts_of(accepted) if isinstance(part, Constant)]
+    effects = [
+        effect._replace(
+            parts=tuple(part for part in effect.parts if not isinstance(part, Constant))
+        )
+        for effect in accepted
+    ]
+    for acts_on in _AT_THE_ORIGIN:
+        acting = (
+            place
+            for place, effect in enumerate(effects)
+            if any(isinstance(part, ShapeTerm) and part.acts_on == acts_on for part in effect.parts)
+        )
+        place = next(acting, None)
+        if place is not None:
+            known = (part for part in old if part.acts_on == acts_on)
+            constant = next(known, Constant(0.0, acts_on=acts_on))
+            effects[place] = effects[place]._replace(parts=(*effects[place].parts, constant))
+    return tuple(effects)
 
 
 def with_parts(
