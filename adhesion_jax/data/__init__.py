@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from adhesion_jax.data.grouping import as_one as as_one
 from adhesion_jax.data.reading import Measured as Measured
 from adhesion_jax.data.reading import check_curve as check_curve
 from adhesion_jax.data.reading import read_all as read_all
@@ -12,7 +13,6 @@ from adhesion_jax.data.reading import read_measured as read_measured
 from adhesion_jax.data.reading import to_measured as to_measured
 from adhesion_jax.data.reading import to_record as to_record
 from adhesion_jax.data.runs import RunSet as RunSet
-from adhesion_jax.data.runs import as_one as as_one
 from adhesion_jax.data.runs import matching as matching
 from adhesion_jax.data.runs import to_runs as to_runs
 

@@ -8,7 +8,10 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from io import BufferedIOBase
+from pathlib import Path
 from typing import NamedTuple
+
+import pyarrow.csv
 
 from adhesion_jax.data.cells import MISSING, decimal_mark, numbers_in
 from adhesion_jax.data.columns import known
@@ -134,6 +137,16 @@ class Dialect(NamedTuple):
     above: int  # lines above the first row of data
     quoted: bool  # whether a cell in the first rows is quoted
     rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def sentence(self) -> str:
+        """How the file is written, in words that follow `The log has`."""
+        encoding = {"utf-8": "", "utf-8-sig": ""}.get(self.encoding, f"{self.encoding} text, ")
+        mark = {",": ", decimal commas", ".": ", decimal points"}.get(self.mark or "", "")
+        units = f", units in row {self.above}" if self.units else ""
+        header = f", names of columns in row {self.skipped + 1}" if self.skipped else ""
+        separator = SEPARATORS.get(self.separator, self.separator)
+        return f"{encoding}cells separated by {separator}{mark}{header}{units}"
 
 
 def tidy(name: str) -> str:
@@ -294,3 +307,30 @@ def _rows(text: str, separator: str, path: str) -> list[list[str]]:
             "row, in which a quotation mark may not be closed."
         ) from None
     return found
+
+
+def ragged(path: Path, dialect: Dialect, rows: Sequence[pyarrow.csv.InvalidRow]) -> InputError:
+    """What is said of the first row that has more or fewer cells than the header."""
+    row, columns = rows[0], len(dialect.names)
+    cells = f"{row.actual_columns} cell{'s' if row.actual_columns > 1 else ''}"
+    other = [mark for mark in SEPARATORS if row.text.count(mark) == columns - 1]
+    if other and other[0] != dialect.separator:
+        advice = (
+            f"its cells are separated by {SEPARATORS[other[0]]} and those of the header by "
+            f"{SEPARATORS[dialect.separator]}: use one of them throughout"
+        )
+    elif dialect.separator == "," and row.actual_columns > columns and "," in row.text:
+        advice = (
+            "give every row one cell for each column; where numbers have a decimal comma, "
+            "separate the cells by semicolons"
+        )
+    elif row.actual_columns < columns and len(rows) == 1:
+        advice = (
+            "give every row one cell for each column; if it is the last row the file was cut off, "
+            "and is to be copied anew or to end before that row"
+        )
+    else:
+        advice = "give every row one cell for each column"
+    return InputError(
+        f"{path} has {cells} in row {row.number} where its header has {columns} columns; {advice}."
+    )

@@ -22,7 +22,7 @@ import pyarrow.parquet
 
 from adhesion_jax.data.cells import A_DATE, AND_TIME, MISSING, TIME_OF_DAY, form_of, is_text
 from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
-from adhesion_jax.data.dialect import SEPARATORS, Dialect, dialect_of, encoding_of, tidy
+from adhesion_jax.data.dialect import Dialect, dialect_of, encoding_of, ragged, tidy
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -230,7 +230,7 @@ def _text(path: Path, opened: _Opened) -> Sheet:
         _stamps({name: pyarrow.array([row[at] for row in rows]) for name, at in places.items()}),
         dialect.above + 1,
         dialect.mark,
-        _format(dialect),
+        dialect.sentence,
         lambda: _text_blocks(path, opened, dialect, places),
     )
 
@@ -238,11 +238,11 @@ def _text(path: Path, opened: _Opened) -> Sheet:
 def _text_blocks(
     path: Path, opened: _Opened, dialect: Dialect, places: Mapping[str, int]
 ) -> Iterator[tuple[Block, float]]:
-    ragged: list[pyarrow.csv.InvalidRow] = []
+    invalid: list[pyarrow.csv.InvalidRow] = []
 
     def note(row: pyarrow.csv.InvalidRow) -> str:
-        if len(ragged) < 2:
-            ragged.append(row)
+        if len(invalid) < 2:
+            invalid.append(row)
         return "skip"
 
     keys = [str(place) for place in range(len(dialect.names))]
@@ -273,58 +273,21 @@ def _text_blocks(
                 ),
             )
             for batch in reader:
-                if ragged:
-                    raise _ragged(path, dialect, ragged)
+                if invalid:
+                    break
                 head, above = above, max(above - batch.num_rows, 0)
                 batch = batch.slice(head)
                 if batch.num_rows:
                     cells = dict(zip(places, batch.columns, strict=True))
                     yield cells, min(raw.tell() / size, 1.0)
         except pyarrow.ArrowInvalid as error:
-            if ragged:
-                raise _ragged(path, dialect, ragged) from None
-            raise InputError(
-                f"{path} is not a table of text ({str(error).splitlines()[0]}); save it anew as "
-                "comma-separated UTF-8 text."
-            ) from None
-    if ragged:
-        raise _ragged(path, dialect, ragged)
-
-
-def _ragged(path: Path, dialect: Dialect, rows: Sequence[pyarrow.csv.InvalidRow]) -> InputError:
-    """What is said of the first row that has more or fewer cells than the header."""
-    row, columns = rows[0], len(dialect.names)
-    cells = f"{row.actual_columns} cell{'s' if row.actual_columns > 1 else ''}"
-    other = [mark for mark in SEPARATORS if row.text.count(mark) == columns - 1]
-    if other and other[0] != dialect.separator:
-        advice = (
-            f"its cells are separated by {SEPARATORS[other[0]]} and those of the header by "
-            f"{SEPARATORS[dialect.separator]}: use one of them throughout"
-        )
-    elif dialect.separator == "," and row.actual_columns > columns and "," in row.text:
-        advice = (
-            "give every row one cell for each column; where numbers have a decimal comma, "
-            "separate the cells by semicolons"
-        )
-    elif row.actual_columns < columns and len(rows) == 1:
-        advice = (
-            "give every row one cell for each column; if it is the last row the file was cut off, "
-            "and is to be copied anew or to end before that row"
-        )
-    else:
-        advice = "give every row one cell for each column"
-    return InputError(
-        f"{path} has {cells} in row {row.number} where its header has {columns} columns; {advice}."
-    )
-
-
-def _format(dialect: Dialect) -> str:
-    encoding = {"utf-8": "", "utf-8-sig": ""}.get(dialect.encoding, f"{dialect.encoding} text, ")
-    mark = {",": ", decimal commas", ".": ", decimal points"}.get(dialect.mark or "", "")
-    units = f", units in row {dialect.above}" if dialect.units else ""
-    header = f", names of columns in row {dialect.skipped + 1}" if dialect.skipped else ""
-    separator = SEPARATORS.get(dialect.separator, dialect.separator)
-    return f"{encoding}cells separated by {separator}{mark}{header}{units}"
+            if not invalid:
+                raise InputError(
+                    f"{path} is not a table of text ({str(error).splitlines()[0]}); save it anew "
+                    "as comma-separated UTF-8 text."
+                ) from None
+    if invalid:
+        raise ragged(path, dialect, invalid)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from adhesion_jax.curves.bent import Bent
 from adhesion_jax.data import as_one, check_curve, to_record
 from adhesion_jax.data.columns import GROUP, guess
 from adhesion_jax.data.forces import Corrections
-from adhesion_jax.data.runs import group
+from adhesion_jax.data.grouping import group
 from adhesion_jax.data.stretches import usual_step
 from adhesion_jax.effects.saved import save_law
 from adhesion_jax.errors import InputError

@@ -12,7 +12,7 @@ from adhesion_jax.curves import CURVES, SLIP_LIMIT, Peak
 from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.data import Measured
 from adhesion_jax.data.events import events_of
-from adhesion_jax.data.runs import group
+from adhesion_jax.data.grouping import group
 from adhesion_jax.errors import InputError
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.measured.answer import fit_curves

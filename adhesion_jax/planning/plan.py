@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import solveh_banded
 
 from adhesion_jax.data import Measured
-from adhesion_jax.data.runs import group
+from adhesion_jax.data.grouping import group
 from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.planning.truth import (

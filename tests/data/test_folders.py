@@ -8,7 +8,7 @@ import adhesion_jax as aj
 from adhesion_jax.command_line import reading
 from adhesion_jax.data import read_measured
 from adhesion_jax.data.files import WANTED
-from adhesion_jax.data.runs import group
+from adhesion_jax.data.grouping import group
 from adhesion_jax.errors import InputError
 
 ROWS = 240
