@@ -15,9 +15,9 @@ def test_the_operating_point_is_drawn_in_traction_and_as_far_as_the_curves_go():
         slip=np.array([[1.0, 3.0], [3.0, 3.0], [5.0, 5.0], [-1.0, -1.0]]),
         adhesion=np.array([[0.1, 0.3], [0.3, 0.3], [0.1, 0.1], [-0.1, -0.1]]),
     )
-    run = Shown(None, SimpleNamespace(sample=sample))
+    run = Shown(None, SimpleNamespace(sample=sample), unit=KMH)
     curve = Line("dry", np.linspace(0.0, 3.6 * 4.0, 10), np.zeros(10))
-    panel = over_curves(run, "title", [curve], KMH)
+    panel = over_curves(run, [curve])
     assert panel.x_label == "slip velocity (km/h)"
     track, drawn = panel.lines
     assert drawn is curve

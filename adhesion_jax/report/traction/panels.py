@@ -1,6 +1,6 @@
 """Figures as data: panels with the lines of runs and with the numbers that a paper prints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,19 +97,6 @@ Array = NDArray[np.float64]
 TIME = "time (s)"
 
 
-class Shown(NamedTuple):
-    """A case, and its run without noise."""
-
-    case: Case
-    trace: Trace
-
-
-def shown(case: Case, trace: Trace) -> Shown:
-    """The rows of the run up to the end of the driver's demand."""
-    counts = np.asarray(trace.sample.counts)
-    return Shown(case, jax.tree.map(lambda x: jnp.asarray(x[counts]), trace))
-
-
 class SpeedUnit(NamedTuple):
     """Unit of the speeds in a figure: its name, and how many of it make 1 m/s."""
 
@@ -123,10 +110,31 @@ class SpeedUnit(NamedTuple):
 MPS, KMH = SpeedUnit("m/s", 1.0), SpeedUnit("km/h", 3.6)
 
 
-def by_method(shown: Sequence[Shown], *methods: str) -> list[Shown]:
-    """The runs of these methods, in their order; if there are none, those of the first method."""
+class Shown(NamedTuple):
+    """A case, its run without noise, and the title of its panels with the unit of their speeds."""
+
+    case: Case
+    trace: Trace
+    title: str = ""
+    unit: SpeedUnit = MPS
+
+
+def shown(case: Case, trace: Trace) -> Shown:
+    """The rows of the run up to the end of the driver's demand."""
+    counts = np.asarray(trace.sample.counts)
+    return Shown(case, jax.tree.map(lambda x: jnp.asarray(x[counts]), trace))
+
+
+def by_method(
+    shown: Sequence[Shown], *methods: str, title: str = "method", unit: SpeedUnit = MPS
+) -> list[Shown]:
+    """The runs of these methods, in their order; if there are none, those of the first method.
+
+    `title` is what their panels are called by: method, or scenario.
+    """
     found = [one for method in methods for one in shown if one.case.method == method]
-    return found or [one for one in shown if one.case.method == shown[0].case.method]
+    found = found or [one for one in shown if one.case.method == shown[0].case.method]
+    return [one._replace(title=getattr(one.case, title), unit=unit) for one in found]
 
 
 def mean_of_axles(values: ArrayLike) -> Array:
@@ -149,19 +157,39 @@ def curves(
     """Adhesion over slip velocities up to the highest, which is in the unit."""
     slips = np.linspace(0.0, highest, 300)
     return [
-        Line(name, slips, adhesion(surface, slips / unit.per_mps, train_speed))
+        Line(name, slips, _adhesion(surface, slips / unit.per_mps, train_speed))
         for name, surface in found.items()
     ]
 
 
-def adhesion(surface: RailSurface, slips: ArrayLike, train_speed: float) -> Array:
+def with_best(
+    title: str,
+    lines: Sequence[Line],
+    found: Mapping[str, RailSurface],
+    best: Mapping[str, float],
+    train_speed: float,
+    unit: SpeedUnit = MPS,
+) -> Panel:
+    """The curves with a mark at each best slip, in the unit, that the paper prints of a rail."""
+    marks = [
+        Mark(
+            "paper's best slip",
+            slip,
+            float(_adhesion(found[name], slip / unit.per_mps, train_speed)),
+        )
+        for name, slip in best.items()
+        if name in found
+    ]
+    return Panel(title, f"slip velocity ({unit.name})", "adhesion (1)", lines, marks)
+
+
+def _adhesion(surface: RailSurface, slips: ArrayLike, train_speed: float) -> Array:
     """Adhesion of the surface at slip velocities in m/s."""
     return np.asarray(surface(jnp.asarray(slips), jnp.asarray(train_speed)))
 
 
 def over_time(
     one: Shown,
-    title: str,
     label: str,
     lines: Mapping[str, ArrayLike],
     marks: Sequence[Mark] = (),
@@ -173,55 +201,53 @@ def over_time(
         Line(name, time, mean_of_axles(values) if np.ndim(values) > time.ndim else values)
         for name, values in lines.items()
     ]
-    return Panel(title, TIME, label, drawn, marks, limits)
+    return Panel(one.title, TIME, label, drawn, marks, limits)
 
 
-def speeds(one: Shown, title: str, unit: SpeedUnit = MPS) -> Panel:
-    rim, train = unit.of(one.trace.rim_speed), unit.of(one.trace.sample.train_speed)
-    return over_time(one, title, f"speed ({unit.name})", {"wheel at the rim": rim, "train": train})
+def speeds(one: Shown) -> Panel:
+    rim, train = one.unit.of(one.trace.rim_speed), one.unit.of(one.trace.sample.train_speed)
+    return over_time(one, f"speed ({one.unit.name})", {"wheel at the rim": rim, "train": train})
 
 
 def slips(
-    one: Shown,
-    title: str,
-    marks: Sequence[Mark],
-    unit: SpeedUnit = MPS,
-    limits: tuple[float, float] | None = None,
+    one: Shown, best: Iterable[float], limits: tuple[float, float], of: str = "best slip"
 ) -> Panel:
+    """With the slips `of` the paper, in the unit of the panel."""
+    marks = [Mark(f"paper's {of}", y=slip) for slip in best]
     sample = one.trace.sample
-    lines = {"slip": unit.of(sample.slip), "best slip": unit.of(sample.optimum)}
-    return over_time(one, title, f"slip velocity ({unit.name})", lines, marks, limits)
+    lines = {"slip": one.unit.of(sample.slip), "best slip": one.unit.of(sample.optimum)}
+    return over_time(one, f"slip velocity ({one.unit.name})", lines, marks, limits)
 
 
-def adhesions(one: Shown, title: str) -> Panel:
+def adhesions(one: Shown) -> Panel:
     sample = one.trace.sample
     lines = {"adhesion": sample.adhesion, "largest of the rail": sample.largest}
-    return over_time(one, title, "adhesion (1)", lines)
+    return over_time(one, "adhesion (1)", lines)
 
 
-def observed(one: Shown, title: str) -> Panel:
+def observed(one: Shown) -> Panel:
     sample = one.trace.sample
-    lines = {"observed": sample.observed, "true": sample.adhesion}
-    return over_time(one, title, "adhesion (1)", lines)
+    return over_time(one, "adhesion (1)", {"observed": sample.observed, "true": sample.adhesion})
 
 
-def torques(one: Shown, title: str, marks: Sequence[Mark] = ()) -> Panel:
-    torque = {"torque of a motor": np.asarray(one.trace.sample.torque) / 1e3}
-    return over_time(one, title, "torque (kN m)", torque, marks)
+def torques(one: Shown, marks: Sequence[Mark] = ()) -> Panel:
+    torque = np.asarray(one.trace.sample.torque) / 1e3
+    return over_time(one, "torque (kN m)", {"torque of a motor": torque}, marks)
 
 
-def over_curves(one: Shown, title: str, lines: Sequence[Line], unit: SpeedUnit = MPS) -> Panel:
+def over_curves(one: Shown, lines: Sequence[Line]) -> Panel:
     """The operating point in traction over the adhesion curves, as far as they are drawn.
 
     It is the first line, which is solid: the curves are seen where it does not go.
     """
     rows = one.trace.sample
     driven = np.asarray(rows.counts) & (np.asarray(rows.direction) > 0)
-    slip = unit.of(mean_of_axles(rows.slip))[driven]
+    slip = one.unit.of(mean_of_axles(rows.slip))[driven]
     end = max(np.max(line.x) for line in lines)
     track = Line(
         "operating point",
         np.where(slip <= end, slip, np.nan),
         mean_of_axles(rows.adhesion)[driven],
     )
-    return Panel(title, f"slip velocity ({unit.name})", "adhesion (1)", [track, *lines])
+    label = f"slip velocity ({one.unit.name})"
+    return Panel(one.title, label, "adhesion (1)", [track, *lines])

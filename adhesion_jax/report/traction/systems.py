@@ -18,7 +18,6 @@ from adhesion_jax.report.traction.panels import (
     Mark,
     Panel,
     Shown,
-    adhesion,
     adhesions,
     by_method,
     curves,
@@ -30,6 +29,7 @@ from adhesion_jax.report.traction.panels import (
     speeds,
     surfaces,
     torques,
+    with_best,
 )
 from adhesion_jax.traction.controllers.adaptive_robust import AdaptiveRobust
 from adhesion_jax.traction.controllers.torque_feedback import SlopeFeedback
@@ -66,44 +66,33 @@ def uyulan2018_table(metrics: pd.DataFrame) -> pd.DataFrame:
 
 def uyulan2018_figures(shown: Sequence[Shown], plant: Plant) -> Mapping[str, Sequence[Panel]]:
     sought = {one.case.scenario: one for one in by_method(shown, "as printed")}
-    shown = by_method(shown, "true optimum")
+    shown = by_method(shown, "true optimum", title="scenario")
+    saturated = [Mark("the paper's saturation", x=20.0)]
     return {
         "fig_04_surfaces": [_surfaces(shown)],
-        "fig_05_speeds": [speeds(one, one.case.scenario) for one in shown],
-        "fig_06_adhesion": [adhesions(one, one.case.scenario) for one in shown],
-        "fig_07_torque": [
-            torques(one, one.case.scenario, [Mark("the paper's saturation", x=20.0)])
-            for one in shown
-        ],
+        "fig_05_speeds": [speeds(one) for one in shown],
+        "fig_06_adhesion": [adhesions(one) for one in shown],
+        "fig_07_torque": [torques(one, saturated) for one in shown],
         "fig_08_slip": [_slip_and_sought(one, sought[one.case.scenario]) for one in shown],
         "fig_09_map": [
-            over_curves(one, one.case.scenario, curves(surfaces(one), _UYULAN_SPEED, 5.0))
-            for one in shown
+            over_curves(one, curves(surfaces(one), _UYULAN_SPEED, 5.0)) for one in shown
         ],
         "fig_10_lyapunov": _lyapunov(shown, plant),
     }
 
 
 def _surfaces(shown: Sequence[Shown]) -> Panel:
+    best = uyulan2018.PRINTED_BEST_SLIP
     known = {name: surface for one in shown for name, surface in surfaces(one).items()}
-    found = {name: known[name] for name in uyulan2018.PRINTED_BEST_SLIP if name in known}
-    marks = [
-        Mark("paper's best slip", slip, float(adhesion(found[name], slip, _UYULAN_SPEED)))
-        for name, slip in uyulan2018.PRINTED_BEST_SLIP.items()
-        if name in found
-    ]
+    found = {name: known[name] for name in best if name in known}
     lines = curves(found, _UYULAN_SPEED, 5.0)
-    return Panel("adhesion of the surfaces", "slip velocity (m/s)", "adhesion (1)", lines, marks)
+    return with_best("adhesion of the surfaces", lines, found, best, _UYULAN_SPEED)
 
 
 def _slip_and_sought(one: Shown, sought: Shown) -> Panel:
-    names = dict.fromkeys(one.case.segments)
-    marks = [
-        Mark("paper's best slip", y=uyulan2018.PRINTED_BEST_SLIP[name])
-        for name in names
-        if name in uyulan2018.PRINTED_BEST_SLIP
-    ]
-    panel = slips(one, one.case.scenario, marks, limits=(0.0, 3.0))
+    printed = uyulan2018.PRINTED_BEST_SLIP
+    best = [printed[name] for name in dict.fromkeys(one.case.segments) if name in printed]
+    panel = slips(one, best, (0.0, 3.0))
     slip = mean_of_axles(sought.trace.sample.slip)
     return panel._replace(
         lines=[*panel.lines, Line("slip, seeker as printed", sought.trace.time, slip)]
@@ -167,46 +156,31 @@ def fang2018_table(metrics: pd.DataFrame) -> pd.DataFrame:
 
 
 def fang2018_figures(shown: Sequence[Shown], _: Plant) -> Mapping[str, Sequence[Panel]]:
-    shown = by_method(shown, "Eq. 9, K2 7000", "Eq. 9, K2 18000")
+    shown = by_method(shown, "Eq. 9, K2 7000", "Eq. 9, K2 18000", unit=KMH)
+    roads = surfaces(shown[0])
+    lines = curves({f"road {name}": roads[name] for name in "123"}, _FANG_SPEED, 15.0, KMH)
+    best, slipped = fang2018.PRINTED_BEST_SLIP_KMH, fang2018.PRINTED_SLIP_KMH.values()
     return {
-        "fig_06_roads": [_roads(shown[0])],
-        "fig_07_speeds": [speeds(one, one.case.method, KMH) for one in shown],
+        "fig_06_roads": [with_best("adhesion of the roads", lines, roads, best, _FANG_SPEED, KMH)],
+        "fig_07_speeds": [speeds(one) for one in shown],
         "fig_08_command": [_command(one) for one in shown],
-        "fig_09_torque": [torques(one, one.case.method) for one in shown],
-        "fig_10_observed": [
-            panel for one in shown for panel in (observed(one, one.case.method), _slope(one))
-        ],
-        "fig_11_track": [over_curves(one, one.case.method, _curves(one), KMH) for one in shown],
-        "fig_12_slip": [_slip(one) for one in shown],
+        "fig_09_torque": [torques(one) for one in shown],
+        "fig_10_observed": [panel for one in shown for panel in (observed(one), _slope(one))],
+        "fig_11_track": [over_curves(one, lines) for one in shown],
+        "fig_12_slip": [slips(one, slipped, (-8.0, 8.0), "slip") for one in shown],
     }
-
-
-def _curves(one: Shown) -> list[Line]:
-    roads = surfaces(one)
-    return curves({f"road {name}": roads[name] for name in "123"}, _FANG_SPEED, 15.0, KMH)
-
-
-def _roads(one: Shown) -> Panel:
-    roads = surfaces(one)
-    marks = [
-        Mark("paper's best slip", kmh, float(adhesion(roads[name], kmh / KMH.per_mps, _FANG_SPEED)))
-        for name, kmh in fang2018.PRINTED_BEST_SLIP_KMH.items()
-    ]
-    return Panel(
-        "adhesion of the roads", "slip velocity (km/h)", "adhesion (1)", _curves(one), marks
-    )
 
 
 def _command(one: Shown) -> Panel:
     command = {"torque commanded": np.asarray(one.trace.command) / 1e3}
-    return over_time(one, one.case.method, "torque (kN m)", command)
+    return over_time(one, "torque (kN m)", command)
 
 
 def _slope(one: Shown) -> Panel:
     lines = {"true": _true_slope(one)}
     if isinstance(one.case.controller, SlopeFeedback):
         lines = {"observed": one.trace.controller.slope, **lines}
-    return over_time(one, one.case.method, "slope dμ/dv (s/m)", lines, limits=(-0.2, 0.4))
+    return over_time(one, "slope dμ/dv (s/m)", lines, limits=(-0.2, 0.4))
 
 
 def _true_slope(one: Shown) -> Array:
@@ -219,45 +193,27 @@ def _true_slope(one: Shown) -> Array:
     return np.asarray(slopes(slip, jnp.asarray(rows.segment), jnp.asarray(rows.train_speed)))
 
 
-def _slip(one: Shown) -> Panel:
-    marks = [Mark("paper's slip", y=kmh) for kmh in fang2018.PRINTED_SLIP_KMH.values()]
-    return slips(one, one.case.method, marks, KMH, (-8.0, 8.0))
-
-
 def hxd1f_table(metrics: pd.DataFrame) -> pd.DataFrame:
     """Every method on every surface, without noise; t95 is empty where it is never reached."""
     rows = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] != WHOLE)]
-    return pd.DataFrame(
-        {
-            "method": rows["method"],
-            "segment": rows["segment"],
-            "utilisation": rows["utilisation"],
-            "t95_s": rows["t95"],
-            "torque_variation_kNm_s": rows["torque_variation"],
-            "status": rows["status"],
-        }
-    ).reset_index(drop=True)
+    with_units = {"t95": "t95_s", "torque_variation": "torque_variation_kNm_s"}
+    rows = rows[["method", "segment", "utilisation", *with_units, "status"]]
+    return rows.rename(columns=with_units).reset_index(drop=True)
 
 
 def hxd1f_figures(shown: Sequence[Shown], _: Plant) -> Mapping[str, Sequence[Panel]]:
     observers = by_method(shown, hxd1f.SMES, "SMES, full dimension -233, ABLF")
     seekers = by_method(shown, hxd1f.SMES, "DAC")
     controllers = by_method(shown, "SMES, NTSMO, sliding mode", hxd1f.SMES)
+    best = hxd1f.PRINTED_BEST_SLIP.values()
     return {
-        "fig_10_observer": [observed(one, one.case.method) for one in observers],
-        "fig_11_speeds": [speeds(one, one.case.method) for one in seekers],
-        "fig_12_slip": [_slip_of_hxd1f(one) for one in seekers],
-        "fig_13_adhesion": [adhesions(one, one.case.method) for one in seekers],
-        "fig_14_map": [
-            over_curves(one, one.case.method, curves(surfaces(one), 5.0, 0.6)) for one in seekers
-        ],
-        "fig_15_torque": [torques(one, one.case.method) for one in controllers],
+        "fig_10_observer": [observed(one) for one in observers],
+        "fig_11_speeds": [speeds(one) for one in seekers],
+        "fig_12_slip": [slips(one, best, (-0.05, 0.5)) for one in seekers],
+        "fig_13_adhesion": [adhesions(one) for one in seekers],
+        "fig_14_map": [over_curves(one, curves(surfaces(one), 5.0, 0.6)) for one in seekers],
+        "fig_15_torque": [torques(one) for one in controllers],
     }
-
-
-def _slip_of_hxd1f(one: Shown) -> Panel:
-    marks = [Mark("paper's best slip", y=slip) for slip in hxd1f.PRINTED_BEST_SLIP.values()]
-    return slips(one, one.case.method, marks, limits=(-0.05, 0.5))
 
 
 class Subject(NamedTuple):
