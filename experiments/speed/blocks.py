@@ -35,7 +35,6 @@ class _Block(NamedTuple):
 _Solve = Callable[[_Block], object]
 
 UNIT = "identifications"
-PART = "blocks"
 
 
 def entries(seed: int) -> Mapping[str, Timed]:
