@@ -4,26 +4,22 @@ import time
 from collections.abc import Iterator, Set
 from pathlib import Path
 
-import click
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
-from adhesion_jax.command_line.command import SEED, Folder, run, start
+from adhesion_jax.command_line.command import run, start
 from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
-from adhesion_jax.errors import InputError
-from adhesion_jax.files import output_directory, write_metadata, write_table
+from adhesion_jax.files import write_table
 from adhesion_jax.library.discover import discover
 from experiments import stranger_sets
-from experiments.command import described
 from experiments.stranger_sets import LABELS, Stranger, stranger
-from experiments.study import Study, studied
+from experiments.study import Group, Study, conduct, rates_of, removed_share, sized, spread
 
 OWN_FILES = ("sets.csv", "rates.csv", "shares.csv", "strangers.png", "metadata.json")
 #: A test error that grows by more than this factor is made worse; a share of the removable error
@@ -66,15 +62,15 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
     told = [names for names in map(names_of, reported) if not names & {*made.harmless}]
     right = {name for cause in made.causes for name in cause}
     before, after = found.test.before.value, found.test.after.value
-    excess = before**2 - made.test_noise**2
-    # An excess below two per cent of the noise is chance, and so is the share of it.
-    scale = 1 / excess if made.causes and excess > 0.02 * made.test_noise**2 else np.nan
     by_trees, by_lines = _peers_rms(made, found)
     corrected = found.with_trees.after.value if found.with_trees else after
-    errors = (after, corrected, by_trees, by_lines)
-    shares_of = ((before**2 - error**2) * scale for error in errors)
-    share, share_corrected, share_trees, share_lines = shares_of
-    behind = share < share_trees - BEHIND
+    removed = {
+        column: removed_share(before, error, made.test_noise) if made.causes else np.nan
+        for column, error in zip(
+            METHODS.values(), (after, corrected, by_trees, by_lines), strict=True
+        )
+    }
+    behind = removed["share"] < removed["share of trees"] - BEHIND
     told_of = ("base", "layout", "noise", "effect", "sigma", "run_scatter", "strength")
     return {name: getattr(made, name) for name in (*told_of, "test_gap", "test_noise")} | {
         "number": number,
@@ -93,10 +89,7 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
         "before": before,
         "after": after,
         "trees": by_trees,
-        "share": share,
-        "share corrected": share_corrected,
-        "share of trees": share_trees,
-        "share of lines": share_lines,
+        **removed,
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
     }
@@ -159,25 +152,24 @@ def _groups(sets: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
     """Shares of sets, or of causes for `named`, with their 95 % intervals by Wilson 1927."""
-    rows = []
+    return rates_of(_counted(sets), ("hidden", "group"), "wilson")
+
+
+def _counted(sets: pd.DataFrame) -> Iterator[Group]:
     for part, group, own in _groups(sets):
-        for name in OF_NULLS if part == "nothing" else QUANTITIES[1:]:
-            count = int(own["causes"].sum()) if name == "named" else len(own)
-            hits = int(own[name].sum())
-            low, high = binomtest(hits, count).proportion_ci(method="wilson")
-            rows.append((part, group, name, count, hits, hits / count, low, high))
-    names = ["hidden", "group", "quantity", "count", "hits", "rate", "low", "high"]
-    return pd.DataFrame(rows, columns=names)
+        counts = {name: len(own) for name in (OF_NULLS if part == "nothing" else QUANTITIES[1:])}
+        counts |= {"named": int(own["causes"].sum())} if part == "a cause" else {}
+        yield (part, group), {name: (int(own[name].sum()), n) for name, n in counts.items()}
 
 
 def shares(sets: pd.DataFrame) -> pd.DataFrame:
     """Quantiles over the sets of the share of the removable squared error that is removed."""
-    rows = []
-    for part, group, own in _groups(sets):
-        if part == "a cause":
-            for method, column in METHODS.items():
-                quantiles = own[column].quantile([0.5, 0.25, 0.1])
-                rows.append((group, method, int(own[column].count()), *quantiles))
+    rows = [
+        (group, method, *spread(own[column]))
+        for part, group, own in _groups(sets)
+        if part == "a cause"
+        for method, column in METHODS.items()
+    ]
     return pd.DataFrame(rows, columns=["group", "method", "sets", "median", "quartile", "decile"])
 
 
@@ -231,41 +223,26 @@ def draw(path: Path, sets: pd.DataFrame) -> None:
     figure.savefig(path, dpi=150)
 
 
-_COUNT = click.IntRange(min=0)
+#: Options that tell how many sets are made: their defaults and help.
+SIZES = {"sets": (200, "Sets with a cause."), "nulls": (400, "Sets without one.")}
 
 
-@click.command(context_settings={"show_default": True})
-@click.option("--sets", type=_COUNT, default=200, help="Sets with a cause.")
-@click.option("--nulls", type=_COUNT, default=400, help="Sets without one.")
-@click.option("--seed", type=SEED, default=0)
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=1,
-    help="Processes; the results do not depend on their number.",
-)
-@click.option("--resume", is_flag=True, help="Compute what an interrupted study left over.")
-@click.option("--out", type=Folder(), default=Path("out/strangers"))
+@sized(SIZES, Path("out/strangers"))
 def main(sets: int, nulls: int, seed: int, workers: int, resume: bool, out: Path) -> None:
     """Run the discovery on campaigns of a generator that shares no code with it."""
-    tasks = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
-    if not tasks:
-        raise InputError("A study of no sets says nothing; give --sets or --nulls above 0.")
     start()
-    directory, began = output_directory(out), time.perf_counter()
-    config = {"sets": sets, "nulls": nulls, "seed": seed}
-    source = [Path(__file__), Path(stranger_sets.__file__)]
-    asked = {f"--{name}": str(value) for name, value in config.items()}
-    study = Study(tasks, one_set, asked, source)
-    with studied(study, directory, OWN_FILES, workers, resume) as (table, stage):
-        write_table(stage / "sets.csv", table)
-        write_table(stage / "rates.csv", rates(table))
-        write_table(stage / "shares.csv", shares(table))
-        draw(stage / "strangers.png", table)
-        config |= {"workers": workers, "resumed": resume}
-        write_metadata(stage / "metadata.json", described(config, began))
-    click.echo(text(table))
-    click.echo(f"\nWritten to {directory} in {time.perf_counter() - began:.0f} s")
+    tasks = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
+    sizes = {"sets": sets, "nulls": nulls, "seed": seed}
+    study = Study(tasks, one_set, sizes, {}, [Path(__file__), Path(stranger_sets.__file__)])
+    conduct(study, out, OWN_FILES, workers, resume, written)
+
+
+def written(sets: pd.DataFrame, folder: Path) -> str:
+    """The words of a study, whose tables and figure are written to the folder."""
+    write_table(folder / "rates.csv", rates(sets))
+    write_table(folder / "shares.csv", shares(sets))
+    draw(folder / "strangers.png", sets)
+    return text(sets)
 
 
 if __name__ == "__main__":

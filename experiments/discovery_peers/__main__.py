@@ -18,16 +18,9 @@ from experiments.command import bar, written
 from experiments.discovery_peers.features import fit_base, in_runs
 from experiments.discovery_peers.methods import PEERS, predicted
 from experiments.discovery_peers.report import THIS, draw_peers, peers_text, summarised
-from experiments.discovery_peers.sets import (
-    PeerSet,
-    is_named_by_claim,
-    is_named_by_column,
-    random_sets,
-    simulated_sets,
-    stored_sets,
-)
-from experiments.discovery_study.judging import removed_share
-from experiments.discovery_study.running import Discover, discovered
+from experiments.discovery_peers.sets import PeerSet, random_sets, simulated_sets, stored_sets
+from experiments.discovery_study.judging import Discover, counted, discovered
+from experiments.study import removed_share
 
 OWN_FILES = ("peer_sets.csv", "peers.csv", "peers.png", "metadata.json")
 
@@ -104,13 +97,15 @@ def compared(part: PeerSet, methods: Sequence[str], discover: Discover, seed: in
             before, after = findings.test.before.value, findings.test.after.value
             claims = (*findings.effects, *findings.unexplained)
             names = tuple(claim.name for claim in claims)
-            hits = [[is_named_by_claim(one, claim) for one in part.hidden] for claim in claims]
+            hits = [
+                [one.is_named_by(claim, counted(claim)) for one in part.hidden] for claim in claims
+            ]
         else:
             answer = predicted(method, train, test, base)
             seconds = time.perf_counter() - began + base_seconds
             before, after = rms(measured - base.test), rms(measured - answer.adhesion)
             names = answer.named
-            hits = [[is_named_by_column(one, name) for one in part.hidden] for name in names]
+            hits = [[name.startswith(one.columns) for one in part.hidden] for name in names]
         right = sum(any(hit) for hit in hits)
         yield {
             "set": part.name,

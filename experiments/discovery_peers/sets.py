@@ -8,21 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.discovery.types import FoundEffect
 from adhesion_jax.errors import InputError
 from experiments.campaigns.plantable import PLANTABLE
 from experiments.campaigns.runs import BASE_CURVES
-from experiments.campaigns.simulator import simulate
-from experiments.discovery_study.judging import (
-    blamed,
-    columns_of,
-    counted,
-    is_one_of,
-    names_for,
-    seen_in,
-)
-from experiments.discovery_study.otherwise import FORMS, forms_of
-from experiments.discovery_study.tasks import drawn_noise, make_set, random_tasks
+from experiments.discovery_study.judging import Hidden, columns_of, hidden_in, seen_in
+from experiments.discovery_study.otherwise import FORMS
+from experiments.discovery_study.tasks import Task, drawn_noise, make_set, random_tasks
 
 #: What is planted in the simulated sets, in turn; a third of them have nothing hidden.
 PLANTED: Sequence[tuple[str, ...]] = (
@@ -31,13 +22,6 @@ PLANTED: Sequence[tuple[str, ...]] = (
     *(("hysteresis",), ("unknown_column",), (), ("rail_joint",), ("falling_friction",), ()),
     *(("curve", "temperature"), ("relaxation",), (), ("drift",), ("mode_asymmetry",), ()),
 )
-
-
-class Hidden(NamedTuple):
-    """One hidden effect, or one column of a random effect, by what names it."""
-
-    names: tuple[str, ...]  # that the discovery may give; none where its columns are what counts
-    columns: tuple[str, ...]  # that a method may give; of features made by hand the beginning
 
 
 class PeerSet(NamedTuple):
@@ -56,39 +40,23 @@ def simulated_sets(count: int, seed: int) -> Iterator[PeerSet]:
     """Simulated campaigns: the forms of effects and the designs take turns, noise is drawn."""
     generator = np.random.default_rng((seed, 2))
     for number in range(count):
-        noise, effects = drawn_noise(generator), PLANTED[number % len(PLANTED)]
-        campaign = simulate(
-            effects,
-            seed=1000 * seed + 500 + number,
-            base=BASE_CURVES[number % len(BASE_CURVES)],
-            operational=number % 3 == 2,
-            forms=forms_of(FORMS[number // 2 % 2], effects),
-            noise=noise,
-        )
-        yield PeerSet(
-            f"simulated_{number:02d}",
-            "+".join(campaign.truth) or "nothing",
-            tuple(Hidden(names_for(name), seen_in(name)) for name in campaign.truth),
-            campaign.train,
-            campaign.test,
-            campaign.test_rms_noise,
-        )
+        base, form = BASE_CURVES[number % len(BASE_CURVES)], FORMS[number // 2 % 2]
+        told = (base, number % 3 == 2, form, drawn_noise(generator), None)
+        task = Task("peers", PLANTED[number % len(PLANTED)], 1000 * seed + 500 + number, *told)
+        yield _made(f"simulated_{number:02d}", task)
 
 
 def random_sets(count: int, seed: int) -> Iterator[PeerSet]:
     """Simulated campaigns with a random effect each, others than those of the study."""
     tasks = random_tasks(count, np.random.default_rng((seed, 6)), 4_000_000 + 1000 * seed)
     for number, task in enumerate(tasks):
-        campaign = make_set(task)
-        assert task.random is not None
-        yield PeerSet(
-            f"random_{number:02d}",
-            f"{task.random.acts_on} by {'*'.join(task.random.columns)}",
-            tuple(Hidden((), (column,)) for column in task.random.columns),
-            campaign.train,
-            campaign.test,
-            campaign.test_rms_noise,
-        )
+        yield _made(f"random_{number:02d}", task)
+
+
+def _made(name: str, task: Task) -> PeerSet:
+    made = make_set(task)
+    hidden = hidden_in(task)
+    return PeerSet(name, task.planted, hidden, made.train, made.test, made.test_rms_noise)
 
 
 def stored_sets(folder: Path) -> list[PeerSet]:
@@ -130,16 +98,3 @@ def right_columns(names: Sequence[str]) -> tuple[str, ...]:
         for column in (seen_in(name) if name in PLANTABLE else columns_of(name))
     ]
     return tuple(dict.fromkeys(columns))
-
-
-def is_named_by_column(hidden: Hidden, column: str) -> bool:
-    """Whether a column that a method names belongs to what is hidden."""
-    return column.startswith(hidden.columns)
-
-
-def is_named_by_claim(hidden: Hidden, claim: FoundEffect) -> bool:
-    """Whether a claim of the discovery, or a member of its class, names what is hidden."""
-    names = counted(claim)
-    if hidden.names:
-        return any(is_one_of(name, hidden.names) for name in names)
-    return not blamed(claim, names).isdisjoint(hidden.columns)

@@ -1,62 +1,47 @@
 """Shares of the sets of a study in which something is so, with their intervals."""
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest
 
 from experiments.campaigns.plantable import PLANTABLE
 from experiments.discovery_study.random_effect import ACTS_ON
 from experiments.discovery_study.tasks import AUTOCORRELATIONS
+from experiments.study import Group, rates_of, spread
 
 #: An effect is well removed if at least `REMOVED` of the removable squared error is removed, and
 #: missed if less than `MISSED` is.
 REMOVED, MISSED = 0.9, 0.1
 
 
-class _Group(NamedTuple):
-    """Sets of one kind, and what is counted among them."""
-
-    part: str
-    group: str
-    visible: float  # wanted, in sigma; NaN where none was
-    hits: Mapping[str, pd.Series]  # by quantity
-
-
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
-    """Shares with their intervals: part, group, visible, quantity, count, hits, rate, low, high.
+    """Shares of the groups by part, group and the misfit that is wanted, in sigma; NaN where none.
 
-    The intervals are those of 95 % by Clopper and Pearson 1934; a share of no sets is NaN.
+    Their 95 % intervals are those of Clopper and Pearson 1934.
     """
-    rows = []
-    parts = {part: sets[sets["part"] == part] for part in set(sets["part"])}
-    for part, groups in _GROUPS.items():
-        for group in groups(parts[part]) if part in parts else ():
-            for quantity, hits in group.hits.items():
-                count, right = len(hits), int(hits.sum())
-                share = (np.nan,) * 3
-                if count:
-                    interval = binomtest(right, count).proportion_ci(method="exact")
-                    share = (right / count, interval.low, interval.high)
-                rows.append((*group[:3], quantity, count, right, *share))
-    columns = [*_Group._fields[:3], "quantity", "count", "hits", "rate", "low", "high"]
-    return pd.DataFrame(rows, columns=columns)
+    parts = {part: sets[sets["part"] == part] for part in _GROUPS}
+    groups = (group for part, own in parts.items() if len(own) for group in _GROUPS[part](own))
+    return rates_of(groups, ("part", "group", "visible"), "exact")
 
 
-def _nulls(nulls: pd.DataFrame) -> Iterator[_Group]:
+def _group(part: str, group: str, hits: Mapping[str, pd.Series], visible: float = np.nan) -> Group:
+    """Sets of one kind, and what is so of each of them, by quantity."""
+    return (part, group, visible), {name: (int(of.sum()), len(of)) for name, of in hits.items()}
+
+
+def _nulls(nulls: pd.DataFrame) -> Iterator[Group]:
     claimed = nulls["claims"] > 0
-    yield _Group("nothing", "all", np.nan, {"claimed": claimed})
+    yield _group("nothing", "all", {"claimed": claimed})
     slow = ~nulls["autocorrelation"].isin(AUTOCORRELATIONS)
     groups = nulls.assign(autocorrelation=nulls["autocorrelation"].astype(str).mask(slow, "slow"))
     for by in ("base", "design", "autocorrelation", "run_scatter"):
         for value in sorted(set(groups[by])):
             own = claimed[groups[by] == value]
-            yield _Group("nothing", f"{by} {value}", np.nan, {"claimed": own})
+            yield _group("nothing", f"{by} {value}", {"claimed": own})
 
 
-def _strengths(chosen: pd.DataFrame) -> Iterator[_Group]:
+def _strengths(chosen: pd.DataFrame) -> Iterator[Group]:
     # An effect that cannot reach the wanted misfit is not counted at that strength.
     reached = chosen[~(chosen["visible"] < 0.8 * chosen["wanted"])]
     for name, of_effect in reached.groupby("planted", sort=False):
@@ -64,34 +49,34 @@ def _strengths(chosen: pd.DataFrame) -> Iterator[_Group]:
             level = float(wanted) if wanted >= 0 else np.nan
             quantities = ("detected", "first_right", "in_class", "extra")
             part = same["part"].iloc[0]
-            yield _Group(part, str(name), level, {one: same[one] for one in quantities})
+            yield _group(part, str(name), {one: same[one] for one in quantities}, level)
 
 
-def _pairs(pairs: pd.DataFrame) -> Iterator[_Group]:
+def _pairs(pairs: pd.DataFrame) -> Iterator[Group]:
     columns = {"both_named": "all_named", "one_named": "in_class", "extra": "extra"}
-    yield _Group("pair", "all", np.nan, {name: pairs[one] for name, one in columns.items()})
+    yield _group("pair", "all", {name: pairs[one] for name, one in columns.items()})
 
 
-def _randoms(sets: pd.DataFrame) -> Iterator[_Group]:
+def _randoms(sets: pd.DataFrame) -> Iterator[Group]:
     for group, same in random_groups(sets).items():
         removed = same["removed"].dropna()
         hits = {name: same[name] for name in ("detected", "all_named", "in_class", "extra")}
         hits |= {"removed_90": removed >= REMOVED, "missed": removed < MISSED}
-        yield _Group("random", group, np.nan, hits)
+        yield _group("random", group, hits)
 
 
-def _logs(logs: pd.DataFrame) -> Iterator[_Group]:
+def _logs(logs: pd.DataFrame) -> Iterator[Group]:
     """Logs with nothing hidden, by kind of log; logs with an effect, by effect over all kinds."""
     null = logs["planted"] == "nothing"
     for kind, same in logs[null].groupby("form", sort=False):
-        yield _Group("log", f"nothing: {kind}", np.nan, {"claimed": same["detected"]})
+        yield _group("log", f"nothing: {kind}", {"claimed": same["detected"]})
     for planted, same in logs[~null].groupby("planted", sort=False):
         either = same["all_named"] | same["doubted"]
         hits = {"named": same["all_named"], "named_or_doubted": either, "extra": same["extra"]}
-        yield _Group("log", str(planted), np.nan, hits)
+        yield _group("log", str(planted), hits)
 
 
-_GROUPS: Mapping[str, Callable[[pd.DataFrame], Iterator[_Group]]] = {
+_GROUPS: Mapping[str, Callable[[pd.DataFrame], Iterator[Group]]] = {
     "nothing": _nulls,
     "power": _strengths,
     "confusion": _strengths,
@@ -117,17 +102,9 @@ def random_groups(sets: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 def shares(sets: pd.DataFrame) -> pd.DataFrame:
     """Quantiles of the share of the removable squared error that was removed, by group."""
+    rows = [(group, *spread(same["removed"])) for group, same in random_groups(sets).items()]
     return pd.DataFrame(
-        [
-            {
-                "group": group,
-                "sets": int(same["removed"].notna().sum()),
-                "median": same["removed"].median(),
-                "lower_quartile": same["removed"].quantile(0.25),
-                "lowest_decile": same["removed"].quantile(0.1),
-            }
-            for group, same in random_groups(sets).items()
-        ]
+        rows, columns=["group", "sets", "median", "lower_quartile", "lowest_decile"]
     )
 
 

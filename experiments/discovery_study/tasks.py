@@ -79,6 +79,13 @@ class Task(NamedTuple):
     random: RandomEffect | None = None
     log: Log | None = None
 
+    @property
+    def planted(self) -> str:
+        """In a word."""
+        if self.random is not None:
+            return f"{self.random.acts_on} by {'*'.join(self.random.columns)}"
+        return "+".join(self.effects) or "nothing"
+
 
 def study_tasks(
     null: int,

@@ -16,11 +16,11 @@ from experiments.campaigns.plantable import PLANTABLE
 from experiments.campaigns.runs import BASE_CURVES
 from experiments.campaigns.simulator import SetNoise
 from experiments.discovery_study.__main__ import OWN_FILES, study
-from experiments.discovery_study.judging import is_one_of, names_for, removed_share
+from experiments.discovery_study.judging import is_one_of, names_for, row
 from experiments.discovery_study.random_effect import RandomEffect
 from experiments.discovery_study.rates import confusion, rates, shares
-from experiments.discovery_study.running import row
 from experiments.discovery_study.tasks import Task, make_set, study_tasks
+from experiments.study import removed_share
 
 NOISE = SetNoise(0.01, 0.0, 0.0)
 
@@ -349,7 +349,8 @@ def test_a_study_writes_its_files(tmp_path, monkeypatch, capsys):
     some = {name: PLANTABLE[name] for name in ("humidity", "speed")}
     monkeypatch.setattr("experiments.discovery_study.tasks.PLANTABLE", some)
     sizes = {"null": 4, "powers": 1, "seed": 0, "pairs": 1, "random": 6, "logs": 1}
-    table = study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
+    study(sizes, tmp_path, lambda *_: answer(("humidity", "drift")))
+    table = pd.read_csv(tmp_path / "rates.csv")
     assert {file.name for file in tmp_path.iterdir()} == {*OWN_FILES, "shards"}
     sets = pd.read_csv(tmp_path / "sets.csv")
     assert sets["part"].value_counts().to_dict() == {
