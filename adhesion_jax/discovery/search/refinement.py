@@ -166,7 +166,8 @@ def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
     """The accepted effects without those parts that may be left out together.
 
     First all parts of an effect, for each effect but the last; then one part of an effect, for each
-    part but its last.
+    part but the last of the last effect: what mended the form of an earlier effect may have stood
+    for an effect that was found since.
     """
     accepted = state.accepted
     for number, effect in enumerate(accepted[:-1]):
@@ -179,17 +180,18 @@ def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
     for number, effect in enumerate(accepted):
         if len(effect.parts) < 2:
             continue
-        for less in _with_a_part_less(effect, state.setting.problem):
+        newest = number == len(accepted) - 1
+        for less in _with_a_part_less(effect, newest, state.setting.problem):
             yield (*accepted[:number], less, *accepted[number + 1 :])
 
 
-def _with_a_part_less(effect: Accepted, problem: Problem) -> Iterator[Accepted]:
-    """The effect without a part, for each part but the last.
+def _with_a_part_less(effect: Accepted, newest: bool, problem: Problem) -> Iterator[Accepted]:
+    """The effect without a part, for each part but the last of the newest effect.
 
     Without the first part, which names the effect, the last one takes its place, if it is a cause.
     """
     parts = effect.parts
-    for part in range(1, len(parts) - 1):
+    for part in range(1, len(parts) - newest):
         yield effect._replace(parts=(*parts[:part], *parts[part + 1 :]))
     last = parts[-1]
     name = kind_of(last)
