@@ -158,15 +158,12 @@ _MARKUP = re.compile(r"([\\`*<>|$#~]|\](?=[(\[]))")
 def page_markdown(content: Page) -> str:
     """The whole report, as readable unrendered; figures are named as files beside it."""
     parts = [f"# {_escaped(content.title)}", f"**{_escaped(content.verdict)}**"]
-    parts += [_section(section) for section in content.sections]
+    for section in content.sections:
+        body = "\n\n".join(map(_block, section.blocks))
+        if section.boxed:
+            body = "\n".join(f"> {line}".rstrip() for line in body.splitlines())
+        parts.append(f"## {_escaped(section.title)}\n\n{body}")
     return "\n\n".join(parts) + "\n"
-
-
-def _section(section: Section) -> str:
-    body = "\n\n".join(_block(block) for block in section.blocks)
-    if section.boxed:
-        body = "\n".join(f"> {line}".rstrip() for line in body.splitlines())
-    return f"## {_escaped(section.title)}\n\n{body}"
 
 
 def _block(block: Block) -> str:

@@ -53,10 +53,9 @@ from adhesion_jax.report.discovery.tables import (
 from adhesion_jax.report.discovery.words import (
     acts_on,
     error,
-    error_in_brackets,
     humanised,
     in_brackets,
-    percent_in_brackets,
+    percent,
     verdict,
 )
 from adhesion_jax.report.rendering import page_markdown
@@ -443,8 +442,8 @@ def test_both_pages_tell_every_number(written, name):
     told += [f"{value:.4g}" for value in findings.noise.values()]
     for errors in (findings.train, findings.validation, findings.test):
         if errors is not None:
-            told += [error_in_brackets(errors.before), error_in_brackets(errors.after)]
-            told += [percent_in_brackets(errors.removed), str(errors.runs)]
+            told += [in_brackets(one, error) for one in (errors.before, errors.after)]
+            told += [in_brackets(errors.removed, percent), str(errors.runs)]
     for effect in (*findings.effects, *findings.unexplained):
         told += [p_value(effect.p_adjusted), error(effect.rmse_after)]
         told += [" ".join(effect.sentence.split()), *effect.units.values()]

@@ -97,7 +97,10 @@ def _binned(place: pd.Series, left: pd.Series, run: pd.Series) -> pd.DataFrame:
     if place.nunique() <= _BINS:
         bins = place.rank(method="dense")
     else:
-        edges = np.unique(np.quantile(place, np.linspace(0, 1, _bins(place, run) + 1)))
+        count, along = _BINS, place.groupby(run).std().median()
+        if along < 0.1 * place.std():  # it is nearly constant in each run
+            count = int(np.clip(run.nunique() // _RUNS_A_BIN, _FEWEST_BINS, _BINS))
+        edges = np.unique(np.quantile(place, np.linspace(0, 1, count + 1)))
         bins = pd.Series(np.digitize(place, edges[1:-1]), index=place.index)
     table = pd.DataFrame({"place": place, "left": left, "bin": bins, "run": run})
     of_runs = table.groupby(["bin", "run"], observed=True)[["place", "left"]].mean()
@@ -109,14 +112,6 @@ def _binned(place: pd.Series, left: pd.Series, run: pd.Series) -> pd.DataFrame:
             "error": by_bin["left"].sem().fillna(0.0),
         }
     )
-
-
-def _bins(place: pd.Series, run: pd.Series) -> int:
-    """The number of bins; fewer for a column that is nearly constant in each run."""
-    along = place.groupby(run).std().median()
-    if not along < 0.1 * place.std():
-        return _BINS
-    return int(np.clip(run.nunique() // _RUNS_A_BIN, _FEWEST_BINS, _BINS))
 
 
 def _draw(axis: Axes, means: pd.DataFrame, when: str) -> float:

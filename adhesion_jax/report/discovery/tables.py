@@ -5,17 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from adhesion_jax.discovery.types import Candidate, Errors, Findings, FoundEffect
+from adhesion_jax.discovery.types import Candidate, Findings, FoundEffect
 from adhesion_jax.report.discovery.words import (
     axis,
     decision,
     error,
-    error_in_brackets,
     errors_by_data,
     humanised,
     in_brackets,
     kind_of_run,
-    percent_in_brackets,
+    percent,
 )
 from adhesion_jax.report.page import Table
 from adhesion_jax.report.rendering import one_line
@@ -27,18 +26,17 @@ def errors_table(findings: Findings) -> Table:
     kind = kind_of_run(findings)
     return Table(
         (f"{kind}s of", f"{kind}s", "error before", "error after", "squared error removed"),
-        [_errors_row(name, errors) for name, errors in errors_by_data(findings).items()],
+        [
+            (
+                name,
+                str(errors.runs),
+                in_brackets(errors.before, error),
+                in_brackets(errors.after, error),
+                in_brackets(errors.removed, percent),
+            )
+            for name, errors in errors_by_data(findings).items()
+        ],
         (f"{kind}s",),
-    )
-
-
-def _errors_row(name: str, errors: Errors) -> Sequence[str]:
-    return (
-        name,
-        str(errors.runs),
-        error_in_brackets(errors.before),
-        error_in_brackets(errors.after),
-        percent_in_brackets(errors.removed),
     )
 
 

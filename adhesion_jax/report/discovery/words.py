@@ -1,5 +1,7 @@
 """The verdict of a discovery, and the names, numbers and phrases that all its reports share."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
@@ -65,22 +67,12 @@ def percent(value: float) -> str:
     return f"{100 * value:.1f} %" if np.isfinite(value) else ""
 
 
-def in_brackets(interval: Interval) -> str:
-    """A parameter as `value [low, high]`, or the value alone."""
-    return _bracketed(*(number(part) for part in interval))
-
-
-def error_in_brackets(interval: Interval) -> str:
-    return _bracketed(*(error(part) for part in interval))
-
-
-def percent_in_brackets(interval: Interval) -> str:
-    value, *bounds = (percent(part) for part in interval)
-    return _bracketed(value, *(bound.removesuffix(" %") for bound in bounds))
-
-
-def _bracketed(value: str, low: str, high: str) -> str:
-    return f"{value} [{low}, {high}]" if low and high else value
+def in_brackets(interval: Interval, written: Callable[[float], str] = number) -> str:
+    """`value [low, high]` as its numbers are written, or the value alone."""
+    value, low, high = map(written, interval)
+    return (
+        f"{value} [{low.removesuffix(' %')}, {high.removesuffix(' %')}]" if low and high else value
+    )
 
 
 def evidence(findings: Findings, effect: FoundEffect) -> str:
@@ -130,8 +122,8 @@ def kind_of_run(findings: Findings) -> str:
 
 #: Functions that the template asks.
 _WORDS = (
-    *(acts_on, axis, class_sentence, error, error_in_brackets, evidence),
-    *(humanised, kind_of_run, percent_in_brackets),
+    *(acts_on, axis, class_sentence, error, evidence),
+    *(humanised, in_brackets, kind_of_run, percent),
 )
 
 #: Effects that are claimed although they improve no prediction.
@@ -143,7 +135,7 @@ _DROPPED = "not counted as an effect"
 
 def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
-    known = {word.__name__: word for word in (percent, error, error_in_brackets)}
+    known = {word.__name__: word for word in (percent, error, in_brackets)}
     return sentences_of(
         "opinion.txt",
         findings=findings,
