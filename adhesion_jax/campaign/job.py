@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
+from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.campaign.tiles import TILE, Tiles, tiles_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.identifiers import ABLATIONS, IDENTIFIERS, Identifier
@@ -73,21 +73,23 @@ def choose_identifiers(
     return tuple(dict.fromkeys(config.identifiers))
 
 
-def parts_of(config: Config, scenarios: Sequence[str]) -> list[Config]:
+def parts_of(
+    config: Config, scenarios: Sequence[str], identifiers: Mapping[str, Identifier] = IDENTIFIERS
+) -> list[Config]:
     """The configurations of those scenarios that take the options and identifiers of `config`.
 
     Scenarios that do not support one of the options are skipped, and so are identifiers that a
     scenario rejects. InputError if nothing remains.
     """
-    _refuse_unknown(config, IDENTIFIERS)
+    _refuse_unknown(config, identifiers)
     parts, refusals = [], []
     for scenario in scenarios:
         part = dataclasses.replace(config, scenario=scenario)
         try:
             built = build_scenario(part)
-            suited = [n for n in config.identifiers if IDENTIFIERS[n].accepts(built.known) is None]
+            suited = [n for n in config.identifiers if identifiers[n].accepts(built.known) is None]
             part = dataclasses.replace(part, identifiers=tuple(suited) or config.identifiers)
-            choose_identifiers(part, built)
+            choose_identifiers(part, built, identifiers)
         except InputError as refusal:
             refusals.append(refusal)
         else:
@@ -258,8 +260,6 @@ class Job(NamedTuple):
             "--keep": "all" if self.every_block else "checkpoints",
             "settings of the scenario": settings_of(self.scenario),
             **{f"{_SETTINGS}{name}": settings_of(one) for name, one in self.methods.items()},
-            **surroundings(),
-            **own_files(),
         }
         return {"options": dict(config.options), "depends on": depends}
 

@@ -59,9 +59,12 @@ def form_of(loop: Loop) -> object:
 @kept(compiler=QUICKLY, static=(2,))
 def _drawn(loops: Loop, keys: jax.Array, grid: Timing) -> tuple[dict[str, jax.Array], Trace]:
     """The figures of a stack of loops under their keys, and the rows of what is drawn."""
+    least = max(-(-grid.samples // _ROWS), 1)
+    # From one row to the next: the smallest number of samples that divides the run.
+    every = next(n for n in range(least, grid.samples + 1) if grid.samples % n == 0)
 
     def of_loop(loop: Loop, key: jax.Array) -> tuple[dict[str, jax.Array], Trace]:
-        totals, rows = trace(loop, grid, key, _every(grid))
+        totals, rows = trace(loop, grid, key, every)
         return figures_of(totals, grid), rows
 
     return jax.vmap(of_loop)(loops, keys)
@@ -72,12 +75,6 @@ def _noisy(loops: Loop, keys: jax.Array, grid: Timing) -> tuple[dict[str, jax.Ar
     """The figures of the first of a stack of loops under each of the keys."""
     loop = jax.tree.map(lambda x: x[0], loops)
     return jax.vmap(lambda key: figures_of(run(loop, grid, key), grid))(keys), None
-
-
-def _every(grid: Timing) -> int:
-    """Number of samples from one drawn row to the next: the smallest that divides the run."""
-    least = max(-(-grid.samples // _ROWS), 1)
-    return next(n for n in range(least, grid.samples + 1) if grid.samples % n == 0)
 
 
 def figures_of(totals: Totals, grid: Timing) -> dict[str, jax.Array]:

@@ -1,6 +1,7 @@
 """Which method is how good where: a row for each scenario and method of several campaigns."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import numpy as np
@@ -34,7 +35,8 @@ def _of_scenario(job: Job, campaign: Campaign) -> pd.DataFrame:
     stream = isinstance(job.scenario.course, Followed)
     accuracy = campaign.tables["steady" if stream else "summary"]
     accuracy = accuracy[accuracy["quantity"] == "mu_max"]
-    points = int(jax.eval_shape(job.scenario.draw, jax.random.key(0)).slip.shape[-1])
+    key = jax.random.key(0)
+    points = int(jax.eval_shape(job.scenario.draw, key).slip.shape[-1])
     rows = []
     for name in job.names:
         own = accuracy[accuracy["identifier"] == name]
@@ -57,7 +59,8 @@ def _of_scenario(job: Job, campaign: Campaign) -> pd.DataFrame:
         row["failure_share"] = float(own["failure_share"].mean())
         row |= _tracked(campaign, name)
         row["microseconds"] = 1e6 * float(own["seconds_per_identification"].mean()) / points
-        row["bytes"] = _bytes_of(job, name)
+        state = jax.eval_shape(partial(job.methods[name].init, job.scenario.known), key)
+        row["bytes"] = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -71,9 +74,3 @@ def _tracked(campaign: Campaign, name: str) -> dict[str, object]:
     after = own["delay_median"][own["overshoot"].notna()]
     means = {"delay": after, **own[["false_resets_per_1000", "lag"]]}
     return {column: float(values.mean()) for column, values in means.items()}
-
-
-def _bytes_of(job: Job, name: str) -> int:
-    known = job.scenario.known
-    state = jax.eval_shape(lambda key: job.methods[name].init(known, key), jax.random.key(0))
-    return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))

@@ -96,14 +96,11 @@ def _numbers(values: np.ndarray) -> pa.Array:
 
 
 def _words(places: np.ndarray, known: Sequence[str]) -> pa.Array:
-    return pa.DictionaryArray.from_arrays(_numbers(places.astype(np.int32)), _texts(known))
-
-
-def _texts(texts: Sequence[str]) -> pa.Array:
-    ends = np.cumsum([0, *(len(text.encode()) for text in texts)], dtype=np.int32)
-    return pa.StringArray.from_buffers(
-        len(texts), pa.py_buffer(ends), pa.py_buffer("".join(texts).encode())
-    )
+    """Words at their places among those that are known."""
+    ends = np.cumsum([0, *(len(word.encode()) for word in known)], dtype=np.int32)
+    letters = pa.py_buffer("".join(known).encode())
+    words = pa.StringArray.from_buffers(len(known), pa.py_buffer(ends), letters)
+    return pa.DictionaryArray.from_arrays(_numbers(places.astype(np.int32)), words)
 
 
 def row_schema(parts: Sequence[pa.Schema]) -> pa.Schema:

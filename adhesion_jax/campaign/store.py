@@ -28,6 +28,7 @@ import pyarrow.parquet as pq
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
+from adhesion_jax.campaign.identity import own_files, surroundings
 from adhesion_jax.campaign.rows import row_schema
 from adhesion_jax.errors import InputError
 
@@ -121,7 +122,10 @@ class Job(Protocol):
 
     @property
     def record(self) -> Mapping[str, Any]:
-        """What it is, in the words of JSON: what all numbers depend on is under "depends on"."""
+        """What it is, in the words of JSON, with what its numbers rest on under "depends on".
+
+        What all jobs rest on, the package, the libraries and the machine, is added here.
+        """
 
     def runs_of(self, number: int) -> int:
         """The number of runs of a shard."""
@@ -184,19 +188,18 @@ def _clear(folder: Path, prefix: str) -> None:
 
 def record_of(command: str, jobs: Sequence[Job]) -> Mapping[str, Any]:
     """What the jobs of a command are, in the words of JSON."""
-    return {
-        "command": command,
-        "runs": jobs[0].runs,
-        "jobs": [
-            {
-                "name": job.name,
-                "shards": job.shards,
-                "runs": sum(job.runs_of(number) for number in range(job.shards)),
-                **job.record,
-            }
-            for job in jobs
-        ],
-    }
+    every = {**surroundings(), **own_files()}
+    described = [
+        {
+            "name": job.name,
+            "shards": job.shards,
+            "runs": sum(job.runs_of(number) for number in range(job.shards)),
+            **(record := job.record),
+            "depends on": {**record["depends on"], **every},
+        }
+        for job in jobs
+    ]
+    return {"command": command, "runs": jobs[0].runs, "jobs": described}
 
 
 def recorded(directory: Path) -> Mapping[str, Any] | None:

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
+from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.campaign.loops import computed, form_of
 from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.rows import segment_rows
@@ -120,8 +120,6 @@ class Job(NamedTuple):
             **self.asked,
             "--seed": str(self.seed),
             "settings of the system": settings_of((self.quiet, self.noisy)),
-            **surroundings(),
-            **own_files(),
         }
         return {
             "cases": [case._asdict() for case in self.cases],

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 from jaxtyping import Array
 
-from adhesion_jax.campaign.identity import own_files, settings_of, surroundings
+from adhesion_jax.campaign.identity import settings_of
 from adhesion_jax.errors import InputError
 from adhesion_jax.metrics import closed_loop
 from adhesion_jax.metrics.closed_loop import PRICES
@@ -118,6 +118,4 @@ class Field(NamedTuple):
                 (self.terms, [*self.entrants.values()], [*families])
             ),
             "grid of time": repr(self.timing),
-            **surroundings(),
-            **own_files(),
         }

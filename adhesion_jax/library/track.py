@@ -13,7 +13,6 @@ from adhesion_jax.data import check_curve
 from adhesion_jax.data.forces import Corrections
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_table
-from adhesion_jax.identifiers import Identifier
 from adhesion_jax.library.reading import Data, Methods, citation_of, measured_of, methods_named
 from adhesion_jax.library.results import columns_of, of_numbers, recorded, text_html, written
 from adhesion_jax.measured.following import Followed, follow_log, refusal
@@ -121,7 +120,9 @@ def track(
         InputError: the data cannot be used, or a method cannot follow a log.
     """
     methods = methods_named(identifiers)
-    _refuse(methods)
+    for name, method in methods.items():
+        if (reason := refusal(method)) is not None:
+            raise InputError(f"{name} cannot follow a log: {reason}.")
     known = Corrections(wheel_radius, delays or {}, inertia, gear_ratio, efficiency)
     measured = measured_of(data, columns, known)
     check_curve(measured)
@@ -138,10 +139,3 @@ def track(
     followed = follow_log(methods, log, slope.plausible, slope.form, one_more)
     found = Track(log, citation_of(data), slope, followed)
     return written(found, out, TRACK_FILES, columns_of([measured]))
-
-
-def _refuse(methods: Mapping[str, Identifier]) -> None:
-    reasons = {name: refusal(method) for name, method in methods.items()}
-    for name, reason in reasons.items():
-        if reason is not None:
-            raise InputError(f"{name} cannot follow a log: {reason}.")
