@@ -4,7 +4,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
@@ -164,7 +164,9 @@ class MonteCarlo:
                     yield name, figures.convergence(*course, *reached)
 
     def __repr__(self) -> str:
-        return accuracy_table(self.summary, _quantities(self.summary)) + self.remarks
+        there = tuple(dict.fromkeys(self.summary["quantity"]))
+        told = ("mu_max",) if "mu_max" in there else there
+        return accuracy_table(self.summary, told) + self.remarks
 
     def _repr_html_(self) -> str:
         return self.summary.to_html(index=False)
@@ -221,7 +223,7 @@ def montecarlo(
         runs = extended(Path(out), extend)
     asked = Config(scenario or "", tuple(named), whole, int(runs), int(seed))
     several = SEVERAL.get(scenario)
-    parts = parts_of(asked, several) if several else [replace(asked, scenario=str(scenario))]
+    parts = parts_of(asked, several, methods) if several else [asked]
     jobs = [Job.of(config, methods, every_block=out is None or keep == "all") for config in parts]
     if out is None:
         estimates: list[pd.DataFrame] = []
@@ -281,11 +283,6 @@ def _option(name: str, one: Any, value: object) -> object:
         kind = "a whole number" if one.kind is int else "a number"
         raise InputError(f"{name} is {kind} {one.option.range()}, not {value!r}.")
     return number
-
-
-def _quantities(summary: pd.DataFrame) -> tuple[str, ...]:
-    there = tuple(dict.fromkeys(summary["quantity"]))
-    return ("mu_max",) if "mu_max" in there else there
 
 
 def _in_force(job: Job) -> dict[str, object]:

@@ -7,6 +7,7 @@ import pytest
 
 from adhesion_jax.campaign.job import MAIN_JOB, Config, parts_of
 from adhesion_jax.errors import InputError
+from adhesion_jax.identifiers import IDENTIFIERS
 from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.metrics.tracking import (
     BY_BLOCK,
@@ -129,6 +130,9 @@ def test_identifiers_that_nothing_in_the_main_job_takes_are_named():
         ("he2018-blocks", ("ml-exact",)),
         ("qian2024-switch", ("riv",)),
     ]
+    own = {**IDENTIFIERS, "mine": IDENTIFIERS["riv"]}
+    (part,) = parts_of(Config(identifiers=("mine",)), MAIN_JOB, own)
+    assert (part.scenario, part.identifiers) == ("qian2024-switch", ("mine",))
 
 
 def test_the_lag_is_the_delay_of_a_truth_that_is_told_late():
