@@ -1,7 +1,7 @@
 """The peers of the discovery: general methods for the residual of a base curve.
 
-Each takes the measured training and test tables and answers with the adhesion it predicts on the
-test table and the columns that it names as causes. All are told the best base curve.
+Each answers with the residual that it predicts on the test table and the columns that it names as
+causes. All are told the best base curve.
 """
 
 import warnings
@@ -26,11 +26,14 @@ class Prediction(NamedTuple):
     named: tuple[str, ...]  # columns
 
 
-def sparse_regression(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
+#: The residual on the rows of the test, and the columns that are named.
+Answer = tuple[np.ndarray, tuple[str, ...]]
+
+
+def sparse_regression(problem: Problem) -> Answer:
     """STLSQ on all terms up to the second degree; threshold and ridge cross-validated by run."""
     from pysindy import STLSQ
 
-    problem = make_problem(train, test, base, dynamic=False)
     terms = [
         term
         for degree in (1, 2)
@@ -66,28 +69,15 @@ def sparse_regression(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Pr
     }
     weights = fit(min(errors, key=lambda setting: errors[setting]), np.arange(len(library)))
     chosen = {problem.columns[j] for term, w in zip(terms, weights, strict=True) if w for j in term}
-    return Prediction(
-        _unfolded(test_library @ weights, test, base),
-        tuple(name for name in problem.columns if name in chosen and name not in OWN),
-    )
+    named = (name for name in problem.columns if name in chosen and name not in OWN)
+    return test_library @ weights, tuple(named)
 
 
-def boosted_trees(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
-    """Histogram gradient boosting on the measured columns; its length cross-validated by run."""
-    return _trees(make_problem(train, test, base, dynamic=False), test, base)
-
-
-def dynamic_trees(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
-    """The same with lags, rates, filtered sand and the work done since the start of the run."""
-    return _trees(make_problem(train, test, base, dynamic=True), test, base)
-
-
-def gaussian_process(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
+def gaussian_process(problem: Problem) -> Answer:
     """Length scales by column and white noise, on 800 points spread over all runs."""
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-    problem = make_problem(train, test, base, dynamic=False)
     scale = rms(problem.residual)
     rows = np.linspace(0, len(problem.train) - 1, min(800, len(problem.train))).astype(int)
     width = len(problem.columns)
@@ -109,28 +99,11 @@ def gaussian_process(train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Pre
         return lambda features: np.asarray(part.predict(features)) * scale
 
     named = _important(problem, fit, rows)
-    return Prediction(
-        _unfolded(np.asarray(process.predict(problem.test)) * scale, test, base), named
-    )
+    return np.asarray(process.predict(problem.test)) * scale, named
 
 
-PEERS: Mapping[str, Callable[[pd.DataFrame, pd.DataFrame, Base], Prediction]] = {
-    "sparse-regression": sparse_regression,
-    "trees": boosted_trees,
-    "trees-dynamic": dynamic_trees,
-    "gaussian-process": gaussian_process,
-}
-
-
-def predicted(method: str, train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
-    """The answer of a method of PEERS, on one thread: more than there are cores slow it tenfold."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):
-        return PEERS[method](train, test, base)
-
-
-def _trees(problem: Problem, test: pd.DataFrame, base: Base) -> Prediction:
+def boosted_trees(problem: Problem) -> Answer:
+    """Histogram gradient boosting; its length cross-validated by run."""
     from sklearn.ensemble import HistGradientBoostingRegressor
 
     def fit(trees: int, rows: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -150,7 +123,27 @@ def _trees(problem: Problem, test: pd.DataFrame, base: Base) -> Prediction:
     best = min(errors, key=lambda trees: float(errors[trees].mean()))
     named = _important(problem, lambda rows: fit(best, rows)) if best else ()
     model = fit(best, np.arange(len(problem.train)))
-    return Prediction(_unfolded(model(problem.test), test, base), named)
+    return model(problem.test), named
+
+
+#: Each method, and whether it has lags, rates, filtered sand and the work done in a run besides.
+PEERS: Mapping[str, tuple[Callable[[Problem], Answer], bool]] = {
+    "sparse-regression": (sparse_regression, False),
+    "trees": (boosted_trees, False),
+    "trees-dynamic": (boosted_trees, True),
+    "gaussian-process": (gaussian_process, False),
+}
+
+
+def predicted(method: str, train: pd.DataFrame, test: pd.DataFrame, base: Base) -> Prediction:
+    """The answer of a method of PEERS, on one thread: more than there are cores slow it tenfold."""
+    from threadpoolctl import threadpool_limits
+
+    answer, dynamic = PEERS[method]
+    with threadpool_limits(1):
+        residual, named = answer(make_problem(train, test, base, dynamic))
+    sign = np.sign(test["slip_ratio"].to_numpy(float))
+    return Prediction(base.test + sign * residual, named)
 
 
 def _cross_validated(problem: Problem, predict: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
@@ -206,7 +199,3 @@ def _derangement(
 
 def _terms(features: np.ndarray, terms: Sequence[tuple[int, ...]]) -> np.ndarray:
     return np.stack([np.prod(features[:, term], axis=1) for term in terms], axis=1)
-
-
-def _unfolded(residual: np.ndarray, test: pd.DataFrame, base: Base) -> np.ndarray:
-    return base.test + np.sign(test["slip_ratio"].to_numpy(float)) * residual

@@ -63,37 +63,26 @@ def lagged(runs: CleanRuns, signal: np.ndarray, time_constant: np.ndarray | floa
     return out
 
 
-def speed(runs: CleanRuns) -> OpenEffect:
-    """1/(1 + a V/20)."""
-    return by_factor(lambda a: 1 / (1 + a * speed_of(runs) / 20), 5.0)
+def flash(runs: CleanRuns) -> np.ndarray:
+    """|l| sqrt(V), as the flash temperature goes."""
+    return np.abs(runs.slip) * np.sqrt(speed_of(runs))
 
 
-def slip_speed(runs: CleanRuns) -> OpenEffect:
-    """1/(1 + a w)^2, w the slip velocity."""
-    return by_factor(lambda a: 1 / (1 + a * slip_velocity(runs)) ** 2, 5.0)
+def direction(runs: CleanRuns) -> np.ndarray:
+    """The last direction in which slip went, forgotten over .3 s."""
+    return lagged(runs, np.sign(rate(runs, np.abs(runs.slip))), 0.3)
 
 
-def falling_friction(runs: CleanRuns) -> OpenEffect:
-    """1 - a + a/(1 + w/.6), w the slip velocity."""
-    return by_factor(lambda a: 1 - a + a / (1 + slip_velocity(runs) / 0.6), 0.95)
-
-
-def load_peak(runs: CleanRuns) -> OpenEffect:
-    """1 - a (F/150 kN)^2."""
-    square = (runs.columns["normal_load_N"] / 150e3) ** 2
-    return by_factor(lambda a: 1 - a * square, 0.95)
+def along(runs: CleanRuns, column: str, share: float = 1.0) -> np.ndarray:
+    """A column from its least on, over a share of its range."""
+    values = runs.columns[column]
+    return (values - values.min()) / (share * np.ptp(values))
 
 
 def load_slope(runs: CleanRuns) -> OpenEffect:
     """l/(1 + a (F/F0)^2)."""
     square = (runs.columns["normal_load_N"] / runs.middle("normal_load_N")) ** 2
     return OpenEffect(lambda a: planted(a, 0, before=lambda slip: slip / (1 + a * square)), 5.0)
-
-
-def contact_heating(runs: CleanRuns) -> OpenEffect:
-    """1/(1 + a |l| sqrt(V))."""
-    flash = np.abs(runs.slip) * np.sqrt(speed_of(runs))
-    return by_factor(lambda a: 1 / (1 + a * flash), 20.0)
 
 
 def cleaning(runs: CleanRuns) -> OpenEffect:
@@ -115,12 +104,6 @@ def sanding(runs: CleanRuns) -> OpenEffect:
     return by_factor(lambda a: 1 + a * sand, 2.5)
 
 
-def axle_position(runs: CleanRuns) -> OpenEffect:
-    """1 + a (1 - 2^-(j - 1)) at axle j, counted from 1."""
-    clean = 1 - 0.5 ** (runs.columns["axle"] - 1)
-    return by_factor(lambda a: 1 + a * clean, 2.5)
-
-
 def lateral_creep(runs: CleanRuns) -> OpenEffect:
     """The powers of 1.6 add up instead of the squares."""
     lateral = np.abs(np.tan(np.deg2rad(runs.columns["angle_of_attack_deg"])))
@@ -140,12 +123,6 @@ def lateral_creep(runs: CleanRuns) -> OpenEffect:
     return OpenEffect(make, 30.0)
 
 
-def load_transfer(runs: CleanRuns) -> OpenEffect:
-    """1 + a tanh(dV/dt/.5)."""
-    change = np.tanh(rate(runs, speed_of(runs)) / 0.5)
-    return by_factor(lambda a: 1 + a * change, 0.9)
-
-
 def mode_asymmetry(runs: CleanRuns) -> OpenEffect:
     """1 - a |l|/(|l| + .01) in braking."""
     braking = (runs.slip < 0) * np.abs(runs.slip) / (np.abs(runs.slip) + 0.01)
@@ -157,13 +134,6 @@ def humidity(runs: CleanRuns) -> OpenEffect:
     centre, width = runs.generator.uniform(50.0, 75.0), runs.generator.uniform(5.0, 10.0)
     wet = 1 / (1 + np.exp(-(runs.columns["relative_humidity_pct"] - centre) / width))
     return by_factor(lambda a: 1 - a * wet, 0.95)
-
-
-def temperature(runs: CleanRuns) -> OpenEffect:
-    """1 + a u^2, u the temperature over its range, from 0 to 1."""
-    celsius = runs.columns["temperature_C"]
-    warm = (celsius - celsius.min()) / np.ptp(celsius)
-    return by_factor(lambda a: 1 + a * warm**2, 2.0)
 
 
 def patch(runs: CleanRuns) -> OpenEffect:
@@ -196,13 +166,6 @@ def rail_joint(runs: CleanRuns) -> OpenEffect:
     return by_factor(lambda a: 1 - a * dip, 0.95)
 
 
-def drift(runs: CleanRuns) -> OpenEffect:
-    """1 - a (1 - exp(-t/T)), T .3 of the whole time."""
-    time = runs.columns["time_s"]
-    worn = -np.expm1(-(time - time.min()) / (0.3 * np.ptp(time)))
-    return by_factor(lambda a: 1 - a * worn, 0.95)
-
-
 def relaxation(runs: CleanRuns) -> OpenEffect:
     """The length shrinks as the contact slides: s/(1 + |l|/.05)."""
     share = 1 / (1 + np.abs(runs.slip) / 0.05) / speed_of(runs)
@@ -232,12 +195,6 @@ def lag(runs: CleanRuns) -> OpenEffect:
     return OpenEffect(lambda a: planted(a, 2, after=lambda adhesion: twice(adhesion, a)), 10.0)
 
 
-def hysteresis(runs: CleanRuns) -> OpenEffect:
-    """1 + a h, h the last direction in which slip went, forgotten over .3 s."""
-    memory = lagged(runs, np.sign(rate(runs, np.abs(runs.slip))), 0.3)
-    return by_factor(lambda a: 1 + a * memory, 0.9)
-
-
 def slip_bias(_: CleanRuns) -> OpenEffect:
     """A wrong radius stretches the slip a little as well: l + a sign(l) (1 + |l|)."""
 
@@ -259,13 +216,6 @@ def inertia(runs: CleanRuns) -> OpenEffect:
     return OpenEffect(lambda a: planted(a, 2, after=lambda adhesion: adhesion + a * filtered), 0.9)
 
 
-def unknown_column(runs: CleanRuns) -> OpenEffect:
-    """1 - a (1 - exp(-z/(.4 z_max))), z the age of the rail from its least on."""
-    age = runs.columns["rail_age_days"] - runs.columns["rail_age_days"].min()
-    old = -np.expm1(-age / (0.4 * age.max()))
-    return by_factor(lambda a: 1 - a * old, 0.95)
-
-
 def product(runs: CleanRuns) -> OpenEffect:
     """1 + a (T - mean)/10 K tanh(gradient/8), .05 at least."""
     celsius = runs.columns["temperature_C"]
@@ -280,14 +230,35 @@ def periodic(runs: CleanRuns) -> OpenEffect:
     return by_factor(lambda a: 1 + a * np.sign(wave) * np.abs(wave) ** 0.6, 0.9)
 
 
+#: Factors of adhesion in which nothing is drawn, of the runs and an amount, and the largest amount.
+_FACTORS: Mapping[str, tuple[Callable[[CleanRuns, float], np.ndarray], float]] = {
+    "speed": (lambda runs, a: 1 / (1 + a * speed_of(runs) / 20), 5.0),
+    "slip_speed": (lambda runs, a: 1 / (1 + a * slip_velocity(runs)) ** 2, 5.0),
+    "falling_friction": (lambda runs, a: 1 - a + a / (1 + slip_velocity(runs) / 0.6), 0.95),
+    "load_peak": (lambda runs, a: 1 - a * (runs.columns["normal_load_N"] / 150e3) ** 2, 0.95),
+    "contact_heating": (lambda runs, a: 1 / (1 + a * flash(runs)), 20.0),
+    "axle_position": (lambda runs, a: 1 + a * (1 - 0.5 ** (runs.columns["axle"] - 1)), 2.5),
+    "load_transfer": (lambda runs, a: 1 + a * np.tanh(rate(runs, speed_of(runs)) / 0.5), 0.9),
+    "temperature": (lambda runs, a: 1 + a * along(runs, "temperature_C") ** 2, 2.0),
+    "drift": (lambda runs, a: 1 + a * np.expm1(-along(runs, "time_s", 0.3)), 0.95),
+    "hysteresis": (lambda runs, a: 1 + a * direction(runs), 0.9),
+    "unknown_column": (lambda runs, a: 1 + a * np.expm1(-along(runs, "rail_age_days", 0.4)), 0.95),
+}
+
+
+def _by_formula(factor: Callable[[CleanRuns, float], np.ndarray], limit: float) -> Form:
+    return lambda runs: by_factor(lambda amount: factor(runs, amount), limit)
+
+
 #: The other formula of each cause; noise has its own alone.
 OTHERWISE: Mapping[str, Form] = {
-    form.__name__: form
-    for form in (
-        *(speed, slip_speed, falling_friction, load_peak, load_slope, contact_heating),
-        *(cleaning, sanding, axle_position, lateral_creep, load_transfer, mode_asymmetry),
-        *(humidity, temperature, patch, curve, wheel_order, rail_joint, drift, relaxation),
-        *(delay, lag, hysteresis, slip_bias, torque_offset, inertia, unknown_column, product),
-        periodic,
-    )
+    **{name: _by_formula(*one) for name, one in _FACTORS.items()},
+    **{
+        form.__name__: form
+        for form in (
+            *(load_slope, cleaning, sanding, lateral_creep, mode_asymmetry, humidity, patch, curve),
+            *(wheel_order, rail_joint, relaxation, delay, lag, slip_bias, torque_offset, inertia),
+            *(product, periodic),
+        )
+    },
 }
