@@ -44,7 +44,7 @@ class Work(NamedTuple):
     progress: Callable[[str], None]
 
     def drawn(self, name: str, found: Found) -> list[Claim]:
-        report.settings(self.folder / f"claims_{name}.png", found.cloud)
+        report.settings(self.folder / f"claims_{name}.png", found)
         if found.panels:
             draw(self.folder / f"claims_{name}_runs.png", found.panels)
         return [*found.claims]
@@ -53,7 +53,7 @@ class Work(NamedTuple):
 def he2018_claims(work: Work) -> list[Claim]:
     runs, seed, progress = work.runs, work.seed, work.progress
     experiment = Config("he2018-1", ("ml-exact", "ml-de"), Options(), runs, seed)
-    found = he2018.convergence_claims(experiment, progress)
+    found = [*he2018.convergence_claims(experiment, progress)]
     many, methods = MANY * runs, ("ml-exact", "ml-de", *he2018_blocks.VARIANTS)
     experiment = Config("he2018-blocks", methods, Options(), many, seed)
     rows: list[pd.DataFrame] = []
@@ -84,8 +84,7 @@ def he2018_claims(work: Work) -> list[Claim]:
 def qian2024_claims(work: Work) -> list[Claim]:
     runs, seed, progress = work.runs, work.seed, work.progress
     over_settings = qian2024.outcomes(qian2024.variants(), seed, progress)
-    readings = qian2024.reading_config(runs, seed)
-    found = qian2024.reading_claims(readings, over_settings, progress)
+    found = [*qian2024.reading_claims(runs, seed, over_settings, progress)]
     factorial = qian2024.factorial_table(runs, seed, progress)
     found += qian2024.factorial_claims(factorial, over_settings)
     found += qian2024.other_claims(over_settings)
@@ -99,8 +98,7 @@ def qian2024_claims(work: Work) -> list[Claim]:
 
 
 def fang2018_claims(work: Work) -> list[Claim]:
-    slope = fang2018_slope.slope_config(work.runs, work.seed)
-    found = fang2018_slope.slope_claims(slope, work.progress)
+    found = [*fang2018_slope.slope_claims(work.runs, work.seed, work.progress)]
     return found + work.drawn("fang2018", fang2018.control_claims(work.progress))
 
 

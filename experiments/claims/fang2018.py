@@ -42,7 +42,6 @@ from experiments.claims.traction import (
     Found,
     Runs,
     changed,
-    cloud_of,
     numbers_of,
     on_plant,
     plant_of,
@@ -107,8 +106,8 @@ def control_claims(progress: Callable[[str], None]) -> Found:
         _bench(slow, slopes[0], progress),
     ]
     used = _least_used(slopes[1])
-    cloud = cloud_of(PAPER, settings, 100 * used, used >= values(settings, "near"))
-    return Found(claims, cloud, _of_gain(slopes[5]))
+    near_best = used >= values(settings, "near")
+    return Found(PAPER, settings, claims, 100 * used, near_best, _of_gain(slopes[5]))
 
 
 # -------------------------------------------------------------------------------------- the loops
@@ -231,15 +230,10 @@ def _of_rate(
     )
     holds = second_half < 0.05 * demand
     yield PAPER.over_settings("dies_away", second_half, holds, reached=reached[0])
-    used = _least_used(open_loop)
-    yield PAPER.over_settings(
-        "open_loop",
-        100 * used,
-        (moved > 85.0) & _stays(open_loop, "3"),
-        demand=settings[0]["open_loop"],
-        moved=moved[0],
-        near=100 * np.mean(used[1:] > 0.95),
-    )
+    used, holds = _least_used(open_loop), (moved > 85.0) & _stays(open_loop, "3")
+    facts = {"demand": settings[0]["open_loop"], "moved": moved[0]}
+    facts |= {"near": 100 * np.mean(used[1:] > 0.95)}
+    yield PAPER.over_settings("open_loop", 100 * used, holds, **facts)
 
 
 def _thresholds(runs: Runs, large: Runs) -> Claim:
@@ -255,16 +249,10 @@ def _recovers(runs: Runs) -> Claim:
     first = slip[np.arange(len(slip)), third.argmax(axis=1)]
     settled = _kmh(runs, "3")
     begins = third.any(axis=1) & (first > best)
-    return PAPER.judged(
-        "recovers",
-        settled[0],
-        of_settings((settled < best)[1:][begins[1:]]),
-        printed=PRINTED_SLIP_KMH["3"],
-        best=best,
-        begins=begins[1:].sum(),
-        drawn=len(begins) - 1,
-        first=first[0],
-    )
+    facts = {"printed": PRINTED_SLIP_KMH["3"], "best": best, "first": first[0]}
+    facts |= {"begins": begins[1:].sum(), "drawn": len(begins) - 1}
+    verdict = of_settings((settled < best)[1:][begins[1:]])
+    return PAPER.judged("recovers", settled[0], verdict, **facts)
 
 
 def _beyond(runs: Runs, settings: Sequence[Setting]) -> Claim:
@@ -329,17 +317,12 @@ def _bench(loops: Sequence[Loop], plain: Runs, progress: Callable[[str], None]) 
 def _of_gain(sweep: Runs) -> list[Panel]:
     gains = np.array(_SWEEP) * _K1["m/s"] / 1e3
     marks = [Mark("19000 for slip in m/s and in km/h", x=gain / 1e3) for gain in _K1.values()]
+
+    def panel(title: str, label: str, rows: Numbers) -> Panel:
+        lines = [Line("our setting", gains, rows)]
+        return Panel(f"{title}, worse road", "K1 (1000 N m²/s)", label, lines, marks, ratio=True)
+
     return [
-        Panel(
-            f"{title}, worse road",
-            "K1 (1000 N m²/s)",
-            y_label,
-            [Line("our setting", gains, rows)],
-            marks,
-            ratio=True,
-        )
-        for title, y_label, rows in (
-            ("adhesion used", "adhesion used (%)", 100 * _least_used(sweep)),
-            ("fluctuation", "change of torque (kN m/s)", _variation(sweep)),
-        )
+        panel("adhesion used", "adhesion used (%)", 100 * _least_used(sweep)),
+        panel("fluctuation", "change of torque (kN m/s)", _variation(sweep)),
     ]

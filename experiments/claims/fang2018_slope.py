@@ -1,7 +1,7 @@
 """Fang et al. 2018: the slope of the adhesion curve by recursive least squares."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import jax
@@ -30,45 +30,27 @@ _STEEP = 0.3
 _RUNS = 16
 
 
-def slope_config(runs: int, seed: int) -> Config:
-    return Config("fang2018-slope", ("rls-slope",), Options(), runs, seed)
-
-
-def slope_claims(config: Config, progress: Callable[[str], None]) -> list[Claim]:
+def slope_claims(runs: int, seed: int, progress: Callable[[str], None]) -> Iterator[Claim]:
     """The slope follows the true one, on the steep rise and around the peak (Fig. 10)."""
+    config = Config("fang2018-slope", ("rls-slope",), Options(), runs, seed)
     table = run_campaign(config, lambda _: None, progress).tables["checkpoints"]
     scenario = build_scenario(config)
-    settings = PAPER.settings()
-    squares = _squares(scenario, settings, jax.random.key(config.seed))
-    truth = np.abs(scenario.quantities()["slope"])
-    largest = table["truth"].abs().max()
-    steep = table["truth"] > _STEEP * largest
-    found = []
+    squares = _squares(scenario, PAPER.settings(), jax.random.key(seed))
+    truth, largest = np.abs(scenario.quantities()["slope"]), table["truth"].abs().max()
+    steep, steep_moments = table["truth"] > _STEEP * largest, truth > _STEEP * largest
     for words, rows, moments in (
-        ("around and behind the peak", table[~steep], truth <= _STEEP * largest),
-        ("on the rise", table[steep], truth > _STEEP * largest),
+        ("around and behind the peak", table[~steep], ~steep_moments),
+        ("on the rise", table[steep], steep_moments),
     ):
-        mean_square = float((rows["rmse"] ** 2).mean())
-        rmse = np.sqrt(mean_square)
+        rmse = np.sqrt(float((rows["rmse"] ** 2).mean()))
         # The checkpoints of a run are far apart in time, and nearly independent.
         error = np.sqrt(np.sum((rows["rmse"] * rows["rmse_se"]) ** 2)) / (len(rows) * rmse)
-        bias = 100 * rows["bias"].abs().max() / largest
-        drawn_rmse = 100 * np.sqrt(squares[:, moments].mean(axis=1)) / largest
-        found.append(
-            PAPER.judged(
-                "slope",
-                float(100 * rmse / largest),
-                of_settings(drawn_rmse[1:] < _AGREEMENT),
-                float(100 * error / largest),
-                words=words,
-                agreement=_AGREEMENT,
-                moments=len(rows),
-                bias=bias,
-                best=drawn_rmse[1:].min(),
-                median=np.median(drawn_rmse[1:]),
-            )
-        )
-    return found
+        others = 100 * np.sqrt(squares[1:, moments].mean(axis=1)) / largest
+        facts = {"words": words, "agreement": _AGREEMENT, "moments": len(rows)}
+        facts |= {"bias": 100 * rows["bias"].abs().max() / largest}
+        facts |= {"best": others.min(), "median": np.median(others)}
+        ours, its_error = (float(100 * one / largest) for one in (rmse, error))
+        yield PAPER.judged("slope", ours, of_settings(others < _AGREEMENT), its_error, **facts)
 
 
 def _squares(scenario: Scenario, settings: Sequence[Setting], key: PRNGKeyArray) -> Numbers:

@@ -1,6 +1,6 @@
 """He et al. 2018: Experiment 1, the consistency of Eq. 15, and what the text says beside them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -27,7 +27,6 @@ from experiments.claims.claim import (
     DRAWS,
     READ_OFF,
     Claim,
-    Flags,
     Numbers,
     below,
     equal,
@@ -67,59 +66,46 @@ def slip_at_convergence(slip: Numbers, rmse: Numbers, rmse_error: Numbers) -> tu
     return float(crossing), float(error)
 
 
-def convergence_claims(config: Config, progress: Callable[[str], None]) -> list[Claim]:
+def convergence_claims(config: Config, progress: Callable[[str], None]) -> Iterator[Claim]:
     """c1 and c2 by slip .1, c3 and mu_max by .4, on the dry rail (Fig. 4 to 7)."""
     scenario = build_scenario(config)
-    campaign = run_campaign(config, lambda _: None, progress)
-    table = campaign.tables["checkpoints"]
+    table = run_campaign(config, lambda _: None, progress).tables["checkpoints"]
     slip, sigma = np.asarray(scenario.draw(jax.random.key(0)).slip[0]), scenario.noise.sigma
     table = table.assign(slip=slip[table["k"].to_numpy() - 1])
-    found: list[Claim] = []
+    for name in ("rmse", "rmse_se"):
+        table[f"{name}_share"] = table[name] / table["truth"]
     for quantity, by in CONVERGED_BY.items():
-        at = {
-            name: rows.set_index("slip")
-            for name, rows in table[table["quantity"] == quantity].groupby("identifier")
-        }
-        ours, exact = at["ml-de"], at["ml-exact"]
-        relative = {name: rows["rmse"] / rows["truth"] for name, rows in at.items()}
-        error = ours["rmse_se"] / ours["truth"]
-        reached, reached_error = slip_at_convergence(
-            ours.index.to_numpy(), relative["ml-de"].to_numpy(), error.to_numpy()
-        )
-        exact_reached, _ = slip_at_convergence(
-            exact.index.to_numpy(),
-            relative["ml-exact"].to_numpy(),
-            (exact["rmse_se"] / exact["truth"]).to_numpy(),
+        rows = table[table["quantity"] == quantity].set_index("slip")
+        ours, exact = (rows[rows["identifier"] == name] for name in ("ml-de", "ml-exact"))
+        (reached, reached_error), (exact_reached, _) = (
+            slip_at_convergence(
+                one.index.to_numpy(), one["rmse_share"].to_numpy(), one["rmse_se_share"].to_numpy()
+            )
+            for one in (ours, exact)
         )
         slips = ours.index.to_numpy(dtype=float)
         place = float(slips[np.abs(slips - by).argmin()])
-        bound = 100 * exact["crlb"][place] / exact["truth"][place]
         censored = np.isnan(reached_error)
         first = "It is so at the first estimate, and may be so before. " if censored else ""
+        bound = 100 * exact["crlb"][place] / exact["truth"][place]
         told = {"quantity": quantity, "by": by, "percent": 100 * CONVERGED, "bound": bound}
         verdict = below(reached, float(np.nan_to_num(reached_error)), by, config.runs)
         facts = {"exact_reached": exact_reached, "first": slips[0], "sigma": sigma, "printed": by}
         facts |= {"censored": first, "with_variance": bound * sigma**-0.5}
-        found.append(PAPER.judged("converged", reached, verdict, reached_error, **told, **facts))
-        facts = {"exact": 100 * relative["ml-exact"][place]}
+        yield PAPER.judged("converged", reached, verdict, reached_error, **told, **facts)
+        facts = {"exact": 100 * exact["rmse_share"][place]}
         facts |= {"on_box": 100 * exact["at_bound_share"][place]}
         facts |= {"missed": 100 * ours["failure_share"][place], **told}
-        percent, its_error = 100 * relative["ml-de"][place], 100 * error[place]
-        found.append(PAPER.below("near_truth", percent, its_error, config.runs, **facts))
-    found.append(_largest_error(table, config.runs))
-    return found
-
-
-def _largest_error(table: pd.DataFrame, runs: int) -> Claim:
-    """The relative RMSE of c3 over that of c1 and c2, at the last estimate."""
+        percent, error = 100 * ours["rmse_share"][place], 100 * ours["rmse_se_share"][place]
+        yield PAPER.below("near_truth", percent, error, config.runs, **facts)
+    # The relative RMSE of c3 over that of c1 and c2, at the last estimate.
     last = table[(table["identifier"] == "ml-de") & (table["k"] == table["k"].max())]
-    last = last.set_index("quantity")
-    share = last["rmse"] / last["truth"]
-    others = share[["c1", "c2"]]
-    ratio = float(others.max() / share["c3"])
-    parts = [last["rmse_se"][name] / last["rmse"][name] for name in (others.idxmax(), "c3")]
-    error = ratio * float(np.hypot(*parts))
-    return PAPER.below("largest_error", ratio, error, runs, share=100 * share)
+    share = last.set_index("quantity")["rmse_share"]
+    part = last.set_index("quantity")["rmse_se"] / last.set_index("quantity")["rmse"]
+    other = max(("c1", "c2"), key=share.__getitem__)
+    ratio = float(share[other] / share["c3"])
+    error = ratio * float(np.hypot(part[other], part["c3"]))
+    yield PAPER.below("largest_error", ratio, error, config.runs, share=100 * share)
 
 
 # ------------------------------------------------------------------------------------- consistency
@@ -164,31 +150,21 @@ def power_law(points: Numbers, rmse: Numbers, rmse_error: Numbers) -> Fit:
     return Fit(float(slope), float(spread**-0.5), float(y_mean - slope * x_mean))
 
 
-def sized_blocks(sizes: tuple[int, ...], slip_max: float) -> tuple[Numbers, Flags]:
-    """Slip and mask of a block of each size, all as long as the largest: [sizes, points].
-
-    One shape for all sizes, because the solver takes longer to compile than to run.
-    """
-    slip, mask = np.zeros((2, len(sizes), max(sizes)))
-    for i, points in enumerate(sizes):
-        slip[i, :points] = np.linspace(0.0, slip_max, points)
-        mask[i, :points] = 1
-    return slip, mask.astype(bool)
-
-
 def consistency_table(
     scenario: Scenario,
     seed: int,
     runs: int,
     progress: Callable[[str], None],
     sizes: tuple[int, ...] = SIZES,
-    slip_max: float = 0.2,
 ) -> pd.DataFrame:
     """RMSE, its error and the bound of the exact optimum on blocks of different sizes.
 
     The noise of the sizes is independent, and so are their errors. One row a size and quantity.
     """
-    slip, mask = map(jnp.asarray, sized_blocks(sizes, slip_max))
+    # All are as long as the largest, because the solver takes longer to compile than to run.
+    blocks = [np.pad(np.linspace(0.0, 0.2, points), (0, max(sizes) - points)) for points in sizes]
+    slip = jnp.asarray(np.stack(blocks))
+    mask = jnp.asarray(np.arange(max(sizes)) < np.array(sizes)[:, None])
     curve, known, sigma = RAILS[scenario.rails[0]], scenario.known, scenario.noise.sigma
     clean = curve(slip, {})
 
@@ -239,9 +215,9 @@ def consistency_fits(table: pd.DataFrame) -> dict[str, Fit]:
     }
 
 
-def consistency_claims(table: pd.DataFrame) -> list[Claim]:
+def consistency_claims(table: pd.DataFrame) -> Iterator[Claim]:
     """The estimate converges to the truth (Eq. 15); its RMSE then falls as n^(-1/2)."""
-    found, expected = [], PAPER.claims["consistency"]["printed"]
+    expected = PAPER.claims["consistency"]["printed"]
     for quantity, fit in consistency_fits(table).items():
         rows = table[table["quantity"] == quantity]
         ends = rows.iloc[[0, -1]]
@@ -250,8 +226,7 @@ def consistency_claims(table: pd.DataFrame) -> list[Claim]:
         facts |= {"ratio": (ends["rmse"] / ends["crlb"]).to_numpy()}
         facts |= {"on_box": 100 * rows["at_bound_share"].max()}
         verdict = equal(fit.slope, fit.slope_error, expected)
-        found.append(PAPER.judged("consistency", fit.slope, verdict, fit.slope_error, **facts))
-    return found
+        yield PAPER.judged("consistency", fit.slope, verdict, fit.slope_error, **facts)
 
 
 # -------------------------------------------------------------------------- beside the experiments
@@ -265,16 +240,14 @@ _FACTOR = ((0.001, 0.0, 1.0, 1e-8, 50.0), (0.05, 0.2, 33.0, 1.5e-4, 150.0))
 _SWITCHED = 64
 
 
-def fact_claims(scenario: Scenario, progress: Callable[[str], None]) -> list[Claim]:
+def fact_claims(scenario: Scenario, progress: Callable[[str], None]) -> Iterator[Claim]:
     dry, *others = (peak_of(RAILS[rail])[1] for rail in ("dry", "common", "wet"))
-    drops = zip(("common", "wet"), others, strict=True)
-    return [
-        *(PAPER.near("water", 100 * (1 - mu / dry), READ_OFF, rail=rail) for rail, mu in drops),
-        PAPER.judged("humidity"),
-        _left_out(),
-        PAPER.judged("real_time", 20 * 300 * 500 / 1e6),
-        _switched(scenario, progress),
-    ]
+    for rail, largest in zip(("common", "wet"), others, strict=True):
+        yield PAPER.near("water", 100 * (1 - largest / dry), READ_OFF, rail=rail)
+    yield PAPER.judged("humidity")
+    yield _left_out()
+    yield PAPER.judged("real_time", 20 * 300 * 500 / 1e6)
+    yield _switched(scenario, progress)
 
 
 def _left_out() -> Claim:

@@ -1,12 +1,14 @@
 """Eq. 17 of He et al. 2018: the generations until a search arrives at the optimum."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
+from numpy.typing import NDArray
 
 from adhesion_jax.campaign.keys import noise_keys, solver_keys
 from adhesion_jax.curves import Scalar
@@ -27,7 +29,7 @@ from adhesion_jax.scenarios import Scenario
 from adhesion_jax.wording import plus_minus
 from experiments.claims.claim import Claim, Numbers, values
 from experiments.claims.he2018 import PAPER, over_runs
-from experiments.claims.he2018_blocks import resamples, spread
+from experiments.claims.he2018_blocks import with_error
 
 #: Generations [runs, blocks] by (start, steady running or switch), then by method.
 Panels = dict[tuple[str, str], dict[str, Numbers]]
@@ -84,12 +86,8 @@ def generations_of_run(
         key: PRNGKeyArray,
     ) -> Int[Array, "starts methods"]:
         innovation = jnp.abs(residual(known, block, previous))
-        scales = jnp.stack(
-            [
-                jnp.asarray(plain),
-                *map(ml_de_eq17.scale_factor, (jnp.mean(innovation), innovation[-1])),
-            ]
-        )
+        scheduled = map(ml_de_eq17.scale_factor, (jnp.mean(innovation), innovation[-1]))
+        scales = jnp.stack([jnp.asarray(plain), *scheduled])
 
         def objective(x: Float[Array, "3"]) -> Float[Array, ""]:
             return variable_projection.sum_of_squares(
@@ -98,27 +96,13 @@ def generations_of_run(
 
         def one_start(share: Float[Array, ""], key: PRNGKeyArray) -> Int[Array, " methods"]:
             population_key, search_key = jax.random.split(key)
+            box, near = (known.lower, known.upper), jnp.asarray(radius)
             population = de.local_plus_uniform(
-                population_key,
-                previous,
-                known.lower,
-                known.upper,
-                share,
-                jnp.asarray(radius),
-                ml_de_eq16.reflect,
-                POPULATION,
+                population_key, previous, *box, share, near, ml_de_eq16.reflect, POPULATION
             )
-            return jax.vmap(
-                lambda scale: generations_needed(
-                    objective,
-                    best + ARRIVED_GAP * sigma**2,
-                    population,
-                    known.lower,
-                    known.upper,
-                    search_key,
-                    scale,
-                )
-            )(scales)
+            goal = best + ARRIVED_GAP * sigma**2
+            needed = partial(generations_needed, objective, goal, population, *box, search_key)
+            return jax.vmap(needed)(scales)
 
         return jax.vmap(one_start)(shares, jax.random.split(key, len(shares)))
 
@@ -127,32 +111,46 @@ def generations_of_run(
     return jax.vmap(one_block)(record_now, sums_now, theta[:-1], optimum.objective[1:], keys)
 
 
+def _drawn(
+    scenario: Scenario,
+    known: Known,
+    keys: tuple[Key[Array, " runs"], Key[Array, " runs"]],
+    *of: Any,
+) -> Int[Array, "runs blocks 2 3"]:
+    """`generations_of_run` of runs by the keys of their noise and their searches, at a setting."""
+    records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(keys[0])
+    one_run = partial(generations_of_run, known, scenario.noise.sigma)
+    over = (scenario.run_axes, 0, *(None for _ in of))
+    return jax.vmap(one_run, in_axes=over)(records, keys[1], *of)
+
+
+def _keys(
+    seed: int, chosen: Int[Array, " runs"]
+) -> tuple[Key[Array, " runs"], Key[Array, " runs"]]:
+    name = "claims-generations"
+    return noise_keys(seed, name, chosen), solver_keys(seed, name, "ml-de", chosen)
+
+
+def _or_never(needed: np.ndarray) -> Numbers:
+    """Infinite where the search has not arrived."""
+    return np.where(needed > GENERATIONS, np.inf, needed.astype(float))
+
+
 def count_generations(
     scenario: Scenario, seed: int, runs: int, progress: Callable[[str], None]
 ) -> Numbers:
     """[runs, blocks, starts, methods] of `generations_of_run`; infinite where not arrived."""
-
-    @jax.jit
-    def tile(
-        known: Known, noise: Key[Array, " runs"], solver: Key[Array, " runs"]
-    ) -> Int[Array, "runs blocks 2 3"]:
-        records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(noise)
-        one_run = partial(generations_of_run, known, scenario.noise.sigma)
-        return jax.vmap(one_run, in_axes=(scenario.run_axes, 0))(records, solver)
+    tile = jax.jit(partial(_drawn, scenario))
 
     def of_tile(chosen: Int[Array, " runs"]) -> Int[Array, "runs blocks 2 3"]:
-        noise = noise_keys(seed, "claims-generations", chosen)
-        solver = solver_keys(seed, "claims-generations", "ml-de", chosen)
-        return tile(scenario.known, noise, solver)
+        return tile(scenario.known, _keys(seed, chosen))
 
-    needed = over_runs(runs, of_tile, partial(progress, "generations")).astype(float)
-    return np.where(needed > GENERATIONS, np.inf, needed)
+    return _or_never(over_runs(runs, of_tile, partial(progress, "generations")))
 
 
 def median_with_error(x: Numbers, random: np.random.Generator) -> tuple[float, float]:
     """The median over all entries of [runs, ...]; its error by a bootstrap over runs."""
-    medians = [float(np.median(x[chosen])) for chosen in resamples(len(x), random)]
-    return float(np.median(x)), spread(medians)
+    return with_error(lambda runs: float(np.median(x[runs])), len(x), random)
 
 
 def median_ratio(
@@ -162,14 +160,12 @@ def median_ratio(
 
     Infinite where only the upper one is, which no resampling need confirm.
     """
-    ratio = float(np.median(upper)) / float(np.median(lower))
-    if np.isinf(ratio):
-        return ratio, 0.0
-    resampled = [
-        float(np.median(upper[chosen]) / np.median(lower[chosen]))
-        for chosen in resamples(len(upper), random)
-    ]
-    return ratio, spread(resampled)
+
+    def ratio(runs: NDArray[np.intp]) -> float:
+        return float(np.median(upper[runs])) / float(np.median(lower[runs]))
+
+    whole = ratio(np.arange(len(upper)))
+    return (whole, 0.0) if np.isinf(whole) else with_error(ratio, len(upper), random)
 
 
 def generation_panels(needed: Numbers, rails: tuple[str, ...]) -> Panels:
@@ -185,9 +181,8 @@ def generation_panels(needed: Numbers, rails: tuple[str, ...]) -> Panels:
     }
 
 
-def generation_claims(panels: Panels, random: np.random.Generator) -> list[Claim]:
+def generation_claims(panels: Panels, random: np.random.Generator) -> Iterator[Claim]:
     """Eq. 17 speeds the search: median generations, and searches that never arrive."""
-    found = []
     for (start, where), methods in panels.items():
         pair = [methods[name] for name in ("with Eq. 17", "without Eq. 17")]
         medians = [plus_minus(*median_with_error(x, random)) for x in pair]
@@ -197,47 +192,35 @@ def generation_claims(panels: Panels, random: np.random.Generator) -> list[Claim
         more_error = float(more.std(ddof=1) / np.sqrt(len(more)))
         facts = {"start": start, "where": where, "gap": ARRIVED_GAP, "most": GENERATIONS}
         facts |= {"medians": medians, "never": [x.mean() for x in never]}
-        found.append(PAPER.below("eq17_speed", ratio, error, len(more), **facts))
-        lost = (float(more.mean()), more_error, len(more))
-        found.append(PAPER.below("eq17_accuracy", *lost, **facts))
-    return found
+        yield PAPER.below("eq17_speed", ratio, error, len(more), **facts)
+        yield PAPER.below("eq17_accuracy", float(more.mean()), more_error, len(more), **facts)
 
 
-def innovation_claims(panels: Panels, random: np.random.Generator) -> list[Claim]:
+def innovation_claims(panels: Panels, random: np.random.Generator) -> Iterator[Claim]:
     """The innovation of the block in Eq. 17, against that of its last sample (section 5)."""
-    found = []
     for where in ("steady running", "after a switch"):
         panel = panels["local start (Eq. 16)", where]
         pair = [panel[name] for name in ("with Eq. 17", "of one sample")]
-        ratio, error = median_ratio(pair[0], pair[1], random)
-        facts = {"where": where, "never": [100 * np.isinf(x).mean() for x in pair]}
-        runs = len(pair[0])
-        found.append(PAPER.below("innovation", ratio, error, runs, most=GENERATIONS, **facts))
-    return found
+        never = [100 * np.isinf(x).mean() for x in pair]
+        facts = {"where": where, "never": never, "most": GENERATIONS}
+        yield PAPER.below(
+            "innovation", *median_ratio(pair[0], pair[1], random), len(pair[0]), **facts
+        )
 
 
 #: Runs of a setting, of five blocks each.
 _RUNS = 8
 
 
-def setting_claims(scenario: Scenario, seed: int, progress: Callable[[str], None]) -> list[Claim]:
+def setting_claims(
+    scenario: Scenario, seed: int, progress: Callable[[str], None]
+) -> Iterator[Claim]:
     """The panels at settings of what is not printed, each with the same runs."""
-    settings = PAPER.settings()
-    noise = noise_keys(seed, "claims-generations", jnp.arange(_RUNS))
-    solver = solver_keys(seed, "claims-generations", "ml-de", jnp.arange(_RUNS))
-    plain, radius = (jnp.asarray(values(settings, name)) for name in ("plain", "radius"))
-
-    @jax.jit
-    def of_settings_drawn(known: Known) -> Int[Array, "settings runs blocks 2 3"]:
-        records = jax.vmap(scenario.draw, out_axes=scenario.run_axes)(noise)
-        one = partial(generations_of_run, known, scenario.noise.sigma)
-        of_runs = jax.vmap(one, in_axes=(scenario.run_axes, 0, None, None))
-        return jax.vmap(of_runs, in_axes=(None, None, 0, 0))(records, solver, plain, radius)
-
-    needed = np.asarray(of_settings_drawn(scenario.known)).astype(float)
+    settings, keys = PAPER.settings(), _keys(seed, jnp.arange(_RUNS))
+    numbers = (jnp.asarray(values(settings, name)) for name in ("plain", "radius"))
+    over = jax.jit(jax.vmap(partial(_drawn, scenario), in_axes=(None, None, 0, 0)))
+    needed = _or_never(np.asarray(over(scenario.known, keys, *numbers)))
     progress("generations, settings")
-    needed = np.where(needed > GENERATIONS, np.inf, needed)
-    found = []
     for (start, where), methods in generation_panels(needed, scenario.rails).items():
         pair = [methods[name] for name in ("with Eq. 17", "without Eq. 17")]
         medians = [np.median(x, axis=(1, 2)) for x in pair]
@@ -248,5 +231,4 @@ def setting_claims(scenario: Scenario, seed: int, progress: Callable[[str], None
             ("settings_speed", ratio, medians),
             ("settings_accuracy", never[0] - never[1], never),
         ):
-            found.append(PAPER.over_settings(key, ours, scheduled < constant, **facts))
-    return found
+            yield PAPER.over_settings(key, ours, scheduled < constant, **facts)

@@ -28,7 +28,6 @@ from experiments.claims.traction import (
     Found,
     Runs,
     changed,
-    cloud_of,
     numbers_of,
     on_plant,
     plant_of,
@@ -83,9 +82,8 @@ def hxd1f_claims(progress: Callable[[str], None]) -> Found:
         PAPER.judged("hardware"),
         PAPER.judged("processor", _operations(plain[0]), cycles=150e6 * SYSTEM.step),
     ]
-    found = chosen.figure("t95", "dry") <= 1.0
-    cloud = cloud_of(PAPER, settings, 100 * chosen.figure("utilisation", "dry"), found)
-    return Found(claims, cloud)
+    used, found = 100 * chosen.figure("utilisation", "dry"), chosen.figure("t95", "dry") <= 1.0
+    return Found(PAPER, settings, claims, used, found)
 
 
 def _loop(setting: Setting) -> Loop:
@@ -173,24 +171,15 @@ def settling(observers: Sequence[Observer], plants: Sequence[Plant]) -> tuple[Nu
 
 def _observers(
     loops: Sequence[Loop], settings: Sequence[Setting], seeking: Runs, slow: Runs
-) -> list[Claim]:
+) -> Iterator[Claim]:
     plants = [loop.nominal for loop in loops]
     sliding, left = settling([loop.observer for loop in loops], plants)
     double, _ = settling([_full_dimension(setting) for setting in settings], plants)
-    wet = [float(runs.figure("utilisation", "wet")[0]) for runs in (seeking, slow)]
-    return [
-        PAPER.over_settings("observer_time", sliding, sliding <= _OBSERVED),
-        PAPER.over_settings("observer_error", 100 * left, left < 1e-3),
-        PAPER.over_settings(
-            "observer_faster",
-            sliding,
-            sliding < double,
-            double=double[0],
-            pole=-5.83 / sliding[0],
-            slower=100 * wet[1],
-            faster=100 * wet[0],
-        ),
-    ]
+    faster, slower = (100 * float(runs.figure("utilisation", "wet")[0]) for runs in (seeking, slow))
+    yield PAPER.over_settings("observer_time", sliding, sliding <= _OBSERVED)
+    yield PAPER.over_settings("observer_error", 100 * left, left < 1e-3)
+    facts = {"double": double[0], "pole": -5.83 / sliding[0], "slower": slower, "faster": faster}
+    yield PAPER.over_settings("observer_faster", sliding, sliding < double, **facts)
 
 
 def _either(seeking: Runs, sampled: Runs, held: Flags) -> Runs:
@@ -240,70 +229,47 @@ def _neighbourhood(settings: Sequence[Setting]) -> Claim:
         left, right = (np.asarray(slips)[enough & side] for side in (slips < best, slips > best))
         return best - (float(left.max()) if len(left) else 0.0), len(right) > 0
 
+    slips = {"dry": 0.2, "wet": 0.08, "snow": None}
     found = {
-        name: [
-            steep(one[name], one["snow_slip"] if best is None else best, one) for one in settings
-        ]
-        for name, best in (("dry", 0.2), ("wet", 0.08), ("snow", None))
+        name: [steep(one[name], slip or one["snow_slip"], one) for one in settings]
+        for name, slip in slips.items()
     }
-    wide = {name: band for name, ((band, _), *_) in found.items()}
+    facts: dict[str, object] = {name: band for name, ((band, _), *_) in found.items()}
     beyond = np.array([[right for _, right in rows] for rows in found.values()])
+    facts["where"] = "somewhere" if beyond[:, 0].any() else "nowhere"
+    facts["beyond"] = 100 * np.mean(beyond[:, 1:].any(axis=0))
     share = np.array([band for band, _ in found["dry"]]) / 0.2
-    return PAPER.over_settings(
-        "neighbourhood",
-        100 * share,
-        share < 0.5,
-        **wide,
-        where="somewhere" if beyond[:, 0].any() else "nowhere",
-        beyond=100 * np.mean(beyond[:, 1:].any(axis=0)),
-    )
+    return PAPER.over_settings("neighbourhood", 100 * share, share < 0.5, **facts)
 
 
-def _against_differential(seeking: Runs, differential: Runs) -> list[Claim]:
+def _against_differential(seeking: Runs, differential: Runs) -> Iterator[Claim]:
+    both = (seeking, differential)
     at = (seeking.time > 2) & (seeking.time < 5)
-    swings = [runs.axle("slip")[:, at].std(axis=1) for runs in (seeking, differential)]
-    reached = np.nan_to_num(differential.figure("t95", "dry"), nan=np.inf)
-    sought = np.nan_to_num(seeking.figure("t95", "dry"), nan=np.inf)
-    used = [runs.figure("utilisation") for runs in (seeking, differential)]
-    pull = [np.asarray(runs.trace.sample.pull).mean(axis=1) for runs in (seeking, differential)]
-    return [
-        PAPER.over_settings("swings", swings[1] / swings[0], swings[1] > swings[0], swings=swings),
-        PAPER.over_settings(
-            "slow_start",
-            differential.figure("utilisation", "dry") * 100,
-            reached > sought,
-            reached=_when(reached[0]),
-            sought=_when(sought[0]),
-        ),
-        PAPER.over_settings(
-            "traction",
-            pull[0] / pull[1],
-            pull[0] > pull[1],
-            used=100 * used[0][0],
-            other=100 * used[1][0],
-        ),
-    ]
+    swings = [runs.axle("slip")[:, at].std(axis=1) for runs in both]
+    yield PAPER.over_settings("swings", swings[1] / swings[0], swings[1] > swings[0], swings=swings)
+    sought, reached = (np.nan_to_num(runs.figure("t95", "dry"), nan=np.inf) for runs in both)
+    facts = {"reached": _when(reached[0]), "sought": _when(sought[0])}
+    start = 100 * differential.figure("utilisation", "dry")
+    yield PAPER.over_settings("slow_start", start, reached > sought, **facts)
+    used, other = (100 * runs.figure("utilisation")[0] for runs in both)
+    pull = [np.asarray(runs.trace.sample.pull).mean(axis=1) for runs in both]
+    yield PAPER.over_settings(
+        "traction", pull[0] / pull[1], pull[0] > pull[1], used=used, other=other
+    )
 
 
 def _when(time: float) -> str:
     return f"does so after {time:.2f} s" if np.isfinite(time) else "never does"
 
 
-def _against_sliding(seeking: Runs, sign: Runs, layer: Runs) -> list[Claim]:
+def _against_sliding(seeking: Runs, sign: Runs, layer: Runs) -> Iterator[Claim]:
     varied = [runs.figure("torque_variation", "dry") for runs in (seeking, sign, layer)]
+    yield PAPER.over_settings(
+        "smoother", varied[1] / varied[0], varied[1] > varied[0], varied=varied
+    )
     lost = [runs.figure("slip_energy_share") for runs in (seeking, sign)]
-    return [
-        PAPER.over_settings(
-            "smoother", varied[1] / varied[0], varied[1] > varied[0], varied=varied
-        ),
-        PAPER.over_settings(
-            "loss",
-            lost[1] / lost[0],
-            lost[1] > lost[0],
-            barrier=100 * lost[0][0],
-            sign=100 * lost[1][0],
-        ),
-    ]
+    facts = {"barrier": 100 * lost[0][0], "sign": 100 * lost[1][0]}
+    yield PAPER.over_settings("loss", lost[1] / lost[0], lost[1] > lost[0], **facts)
 
 
 def _largest_error(runs: Runs) -> Numbers:
@@ -319,9 +285,8 @@ def _interval(seeking: Runs, narrow: Runs, settings: Sequence[Setting]) -> Claim
         f"{limit:g} m/s: {error:.3f}"
         for (_, limit), error in zip(_INTERVALS[1:], slow, strict=True)
     )
-    return PAPER.over_settings(
-        "interval", ours, ours < above, above=above[0], quick=quick, told=told
-    )
+    facts = {"above": above[0], "quick": quick, "told": told}
+    return PAPER.over_settings("interval", ours, ours < above, **facts)
 
 
 def _no_skid(runs: Runs) -> Claim:
@@ -340,10 +305,8 @@ def _no_skid(runs: Runs) -> Claim:
 def _each_axle(axles: Runs) -> Claim:
     sample = axles.trace.sample
     used = np.mean(np.asarray(sample.adhesion) / np.asarray(sample.largest), axis=1)
-    worst = used.min(axis=1)
-    return PAPER.over_settings(
-        "axles", 100 * worst, worst >= _GOOD, good=_GOOD, best=100 * used[0].max()
-    )
+    worst, facts = used.min(axis=1), {"good": _GOOD, "best": 100 * used[0].max()}
+    return PAPER.over_settings("axles", 100 * worst, worst >= _GOOD, **facts)
 
 
 def _operations(loop: Loop) -> int:

@@ -4,7 +4,7 @@ The paper draws its curves without their parameters, and prints neither its nois
 the critical interval of its method: each claim is judged over settings of these.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from itertools import product
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from adhesion_jax.records import Known
 from adhesion_jax.scenarios import Options
 from adhesion_jax.scenarios.rails import QIAN2024
 from experiments.claims.claim import Claim, Numbers, of_settings, read_paper, values
+from experiments.claims.traction import changed
 
 PAPER = read_paper("qian2024")
 
@@ -163,15 +164,8 @@ def _known(setting: Setting) -> Known:
 
 
 def _method(method: QuadraticProgram, setting: Setting) -> QuadraticProgram:
-    values = {field: getattr(method, field) for field in ("weight_falls", "eta_least")}
-    return QuadraticProgram(
-        **values,
-        eta_most=method.eta_most,
-        gain=setting["gain"],
-        redistributes=method.redistributes,
-        low=setting["low"],
-        high=setting["low"] + setting["width"],
-    )
+    low, high = setting["low"], setting["low"] + setting["width"]
+    return changed(method, gain=setting["gain"], low=low, high=high)
 
 
 def _followed(
@@ -268,14 +262,12 @@ def variants() -> dict[str, QuadraticProgram]:
     return found
 
 
-def reading_config(runs: int, seed: int) -> Config:
-    return Config("qian2024", ("qp-qian2024-1", "riv"), Options(), runs, seed)
-
-
-def reading_claims(config: Config, drawn: Outcomes, progress: Callable[[str], None]) -> list[Claim]:
+def reading_claims(
+    runs: int, seed: int, drawn: Outcomes, progress: Callable[[str], None]
+) -> Iterator[Claim]:
     """The errors that are printed for three moments, against Algorithm 1 and the bound."""
+    config = Config("qian2024", ("qp-qian2024-1", "riv"), Options(), runs, seed)
     table = run_campaign(config, lambda _: None, progress).tables["checkpoints"]
-    found = []
     for quantity, k, percent in READINGS:
         rows = table[(table["quantity"] == quantity) & (table["k"] == k)].set_index("identifier")
         share = 100 * rows[["rmse", "rmse_se", "crlb"]].div(rows["truth"], axis=0)
@@ -284,54 +276,37 @@ def reading_claims(config: Config, drawn: Outcomes, progress: Callable[[str], No
         others = 100 * drawn.readings[quantity][1:]
         facts = {"quantity": quantity, "k": k, "bound": bound, "peer": peer}
         facts |= {"median": np.median(others), "printed": percent}
-        found.append(PAPER.judged("reading", ours, of_settings(others < percent), error, **facts))
-    return found
-
-
-def factorial_configs(runs: int, seed: int) -> tuple[Config, Config]:
-    """The switching stream without outliers and with."""
-    names = tuple(variants())
-    return (
-        Config("qian2024-switch", names, Options(), runs, seed),
-        Config("qian2024-switch", names, Options(outliers=0.03), runs, seed),
-    )
+        yield PAPER.judged("reading", ours, of_settings(others < percent), error, **facts)
 
 
 def factorial_table(runs: int, seed: int, progress: Callable[[str], None]) -> pd.DataFrame:
-    """A row for each variant: its settings, and each outcome with its standard error."""
+    """A row for each variant: its settings, and each outcome with its standard error.
+
+    On the switching stream, without outliers and with.
+    """
     rows = pd.DataFrame(list(product((0, 1), repeat=3)), columns=list(FACTORS))
     rows.insert(0, "variant", list(variants()))
-    for config, suffix in zip(factorial_configs(runs, seed), ("", "_outliers"), strict=True):
+    for options, suffix in ((Options(), ""), (Options(outliers=_OUTLIERS), "_outliers")):
+        config = Config("qian2024-switch", tuple(variants()), options, runs, seed)
         campaign = run_campaign(config, lambda _: None, progress, identifiers=variants())
         summary = campaign.tables["summary"].query("quantity == 'mu_max'")
         dry = summary[summary["rail"] == "dry"].set_index("identifier").loc[rows["variant"]]
-        rows[f"rmse{suffix}"] = (dry["rmse"] / dry["truth"]).to_numpy()
-        rows[f"rmse{suffix}_se"] = (dry["rmse_se"] / dry["truth"]).to_numpy()
         tracking = campaign.tables["tracking"].query("rail == 'common'")
         tracking = tracking.set_index("identifier").loc[rows["variant"]]
-        rows[f"delay{suffix}"] = tracking["delay_mean"].to_numpy()
-        rows[f"delay{suffix}_se"] = tracking["delay_mean_se"].to_numpy()
+        for error in ("", "_se"):
+            rows[f"rmse{suffix}{error}"] = (dry[f"rmse{error}"] / dry["truth"]).to_numpy()
+            rows[f"delay{suffix}{error}"] = tracking[f"delay_mean{error}"].to_numpy()
     return rows
 
 
-def effect(table: pd.DataFrame, factor: str, outcome: str) -> tuple[float, float]:
-    """The ratio of an outcome with Algorithm 1's setting of a factor to that with 2's.
+def factorial_claims(table: pd.DataFrame, drawn: Outcomes) -> Iterator[Claim]:
+    """Algorithm 1 against 2, then the three changes one by one.
 
-    The geometric mean over the settings of the other two factors. Its error takes the variants
-    as independent; they see the same noise, so it is rather too large.
+    The effect of a change is the ratio of an outcome with the setting of 1 to that with 2's, a
+    geometric mean over the settings of the other two. Its error takes the variants as independent;
+    they see the same noise, so it is rather too large.
     """
-    logarithm = np.log(table[outcome])
-    sign = np.where(table[factor] == 1, 1.0, -1.0)
-    relative = table[f"{outcome}_se"] / table[outcome]
-    half = len(table) / 2
-    ratio = float(np.exp(np.sum(sign * logarithm) / half))
-    return ratio, ratio * float(np.sqrt(np.sum(relative**2))) / half
-
-
-def factorial_claims(table: pd.DataFrame, drawn: Outcomes) -> list[Claim]:
-    """Algorithm 1 against 2, then the three changes one by one."""
     first, second = table.iloc[-1], table.iloc[0]
-    found = []
     for outcome, words in OUTCOMES.items():
         ratio = float(first[outcome] / second[outcome])
         error = ratio * float(
@@ -340,15 +315,17 @@ def factorial_claims(table: pd.DataFrame, drawn: Outcomes) -> list[Claim]:
         values = getattr(drawn, outcome)
         told = (_number(outcome, row[outcome]) for row in (first, second))
         facts = {"words": words, **dict(zip(("first", "second"), told, strict=True))}
-        found.append(_smaller("algorithms", ratio, values[:, -1] / values[:, 0], error, **facts))
+        yield _smaller("algorithms", ratio, values[:, -1] / values[:, 0], error, **facts)
+    half = len(table) / 2
     for factor, (before, after) in FACTORS.items():
-        sign = np.where(table[factor] == 1, 1.0, -1.0) / (len(table) / 2)
+        sign = np.where(table[factor] == 1, 1.0, -1.0)
         for outcome, words in OUTCOMES.items():
-            ratio, error = effect(table, factor, outcome)
-            ratios = np.exp(np.log(getattr(drawn, outcome)) @ sign)
+            relative = table[f"{outcome}_se"] / table[outcome]
+            ratio = float(np.exp(np.sum(sign * np.log(table[outcome])) / half))
+            error = ratio * float(np.sqrt(np.sum(relative**2))) / half
+            ratios = np.exp(np.log(getattr(drawn, outcome)) @ (sign / half))
             facts = {"factor": factor, "before": before, "after": after, "words": words}
-            found.append(_smaller("factor", ratio, ratios, error, **facts))
-    return found
+            yield _smaller("factor", ratio, ratios, error, **facts)
 
 
 def other_claims(drawn: Outcomes) -> list[Claim]:

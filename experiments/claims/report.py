@@ -14,9 +14,9 @@ from adhesion_jax.report.montecarlo.figures import LABELS
 from adhesion_jax.report.rendering import with_errors
 from adhesion_jax.report.style import line_styles
 from adhesion_jax.report.traction.panels import Line, Mark, Panel, draw
-from experiments.claims.claim import Claim, Numbers
+from experiments.claims.claim import Claim, Numbers, values
 from experiments.claims.he2018 import Fit
-from experiments.claims.traction import Cloud
+from experiments.claims.traction import Found
 
 
 def claims_table(claims: Iterable[Claim]) -> pd.DataFrame:
@@ -61,17 +61,18 @@ def counts_text(table: pd.DataFrame) -> str:
     return pd.crosstab(table["paper"], kinds).to_string()
 
 
-def settings(path: Path, cloud: Cloud) -> None:
+def settings(path: Path, found: Found) -> None:
     """An outcome over a setting, a point a drawn setting; filled where the claim holds."""
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
-    axis = figure.subplots()
-    x, y, holds = cloud.x[1:], cloud.y[1:], cloud.holds[1:]
+    axis, said = figure.subplots(), found.paper.cloud
+    all_x = values(found.settings, said["setting"])
+    x, y, holds = all_x[1:], found.numbers[1:], found.holds[1:]
     for chosen, face, words in ((holds, "black", "holds"), (~holds, "none", "does not hold")):
         label = f"{words}, {np.sum(chosen)} of {len(x)}"
         axis.plot(x[chosen], y[chosen], "ko", markerfacecolor=face, markersize=5, label=label)
-    axis.plot(cloud.x[0], cloud.y[0], "*", color="#7A0019", markersize=13, label="our setting")
-    axis.set(xlabel=cloud.x_label, ylabel=cloud.y_label)
-    axis.set_title(cloud.title, fontsize=10)
+    axis.plot(all_x[0], found.numbers[0], "*", color="#7A0019", markersize=13, label="our setting")
+    axis.set(xlabel=said["x_label"], ylabel=said["y_label"])
+    axis.set_title(said["title"], fontsize=10)
     if x.max() > 10 * x.min():
         axis.set_xscale("log")
     axis.grid(color="0.9")

@@ -15,7 +15,7 @@ from adhesion_jax.traction.loop import Loop, Timing, Trace, timing
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.systems.base import System
-from experiments.claims.claim import Claim, Flags, Numbers, Paper, Setting, values
+from experiments.claims.claim import Claim, Flags, Numbers, Paper, Setting
 
 Part = TypeVar("Part")
 
@@ -43,31 +43,17 @@ class Runs(NamedTuple):
         return np.asarray(self.trace.time)[0]
 
 
-class Cloud(NamedTuple):
-    """A claim over the settings, our own first: what is drawn of it."""
-
-    title: str
-    x_label: str
-    x: Numbers
-    y_label: str
-    y: Numbers
-    holds: Flags
-
-
-def cloud_of(paper: Paper, settings: Sequence[Setting], y: Numbers, holds: Flags) -> Cloud:
-    """What the paper's file says is drawn, over its setting."""
-    said = paper.cloud
-    x = values(settings, said["setting"])
-    return Cloud(said["title"], said["x_label"], x, said["y_label"], y, holds)
-
-
 class Found(NamedTuple):
-    """The claims of a control system, the one over the settings that matters most, and more to
-    draw.
+    """The claims of a control system over settings, what is drawn over one of these, and more.
+
+    The paper's `cloud` says what that is: a number of each setting, and whether its claim holds.
     """
 
+    paper: Paper
+    settings: Sequence[Setting]
     claims: Sequence[Claim]
-    cloud: Cloud
+    numbers: Numbers
+    holds: Flags
     panels: Sequence[Panel] = ()
 
 

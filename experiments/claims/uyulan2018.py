@@ -18,7 +18,7 @@ from adhesion_jax.traction.systems import uyulan2018
 from adhesion_jax.traction.systems.uyulan2018 import PRINTED_BEST_SLIP, SURFACES, SYSTEM
 from experiments.claims import uyulan2018_loops as loops
 from experiments.claims.claim import TO_PRINT, Claim, Numbers, Setting, holding, is_near, values
-from experiments.claims.traction import Found, Runs, cloud_of, on_plant, runs_of
+from experiments.claims.traction import Found, Runs, on_plant, runs_of
 from experiments.claims.uyulan2018_loops import PAPER, SEGMENTS, best_slip
 
 #: Coefficients of F_roll in Eq. 19.
@@ -110,7 +110,7 @@ def uyulan_claims(progress: Callable[[str], None]) -> Found:
         _roll(own[0].plant),
     ]
     worst = sought.worst("tracking_rms_settled") / best_slip()
-    cloud = cloud_of(PAPER, settings, 100 * worst, worst <= values(settings, "near"))
+    near = worst <= values(settings, "near")
     falling = {
         column: [
             Line("sign as printed", tracked.time, with_sign),
@@ -118,7 +118,7 @@ def uyulan_claims(progress: Callable[[str], None]) -> Found:
         ]
         for column, with_sign, with_layer in zip(_COLUMNS, sign, layered, strict=True)
     }
-    return Found(claims, cloud, lyapunov_panels(falling))
+    return Found(PAPER, settings, claims, 100 * worst, near, lyapunov_panels(falling))
 
 
 def _near_best(settings: Sequence[Setting], key: str, error: Numbers, **facts: object) -> Claim:
@@ -159,8 +159,7 @@ def _bound_of_disturbance(loop: Loop, runs: Runs) -> Claim:
     resistance = 8 * weight * adhesion - mass * gained + uphill
     psi = radius * resistance / of_train - per_torque * 2 * weight * radius * adhesion
     phi = 1 + float(law.linear) * np.abs(speed) + float(law.square) * speed**2
-    dry = float(SURFACES["dry"].peak(jnp.asarray(10.0)).adhesion)
-    kappa = radius / of_train * 1109.8 + per_torque * dry * mass * GRAVITY * radius
+    kappa = radius / of_train * 1109.8 + per_torque * _largest_on_dry() * mass * GRAVITY * radius
     ours = float(np.max(np.abs(psi) / (kappa * phi)))
     return PAPER.judged("bound", ours, holding(ours < 1), psi=np.abs(psi).max(), kappa=kappa)
 
@@ -168,11 +167,14 @@ def _bound_of_disturbance(loop: Loop, runs: Runs) -> Claim:
 def _roll(plant: Plant) -> Claim:
     assert isinstance(plant, ElasticAxles)
     force = float(plant.dynamic_mass) * (_ROLL[0] + _ROLL[1] * 10.5)
-    pull = 8 * float(plant.wheel_load[0]) * GRAVITY
-    pull *= float(SURFACES["dry"].peak(jnp.asarray(10.0)).adhesion)
-    return PAPER.judged(
-        "rolling", force / pull, holding(force < pull), force=force / 1000000.0, pull=pull / 1000.0
-    )
+    pull = 8 * float(plant.wheel_load[0]) * GRAVITY * _largest_on_dry()
+    facts = {"force": force / 1e6, "pull": pull / 1e3}
+    return PAPER.judged("rolling", force / pull, holding(force < pull), **facts)
+
+
+def _largest_on_dry() -> float:
+    """The largest adhesion of the dry surface, at the printed initial speed."""
+    return float(SURFACES["dry"].peak(jnp.asarray(10.0)).adhesion)
 
 
 # ----------------------------------------------------------------------------------- over settings
@@ -189,26 +191,15 @@ def _table_1(true: _Columns, sought: _Columns, graded: Runs) -> Iterator[Claim]:
         "ratio": (ratio.min(), ratio.max()),
     }
     for column, printed in enumerate(uyulan2018.PRINTED.values()):
-        ours, scenario = tracking[:, column], _COLUMNS[column]
-        yield PAPER.over_settings(
-            "table_tracking" if column else "table_first",
-            ours,
-            is_near(ours, printed[0], TO_PRINT),
-            printed=printed[0],
-            scenario=scenario,
-            off=100 * abs(ours[0] / printed[0] - 1),
-            **first,
-        )
-        ours = estimation[:, column]
-        yield PAPER.over_settings(
-            "table_estimation",
-            ours,
-            is_near(ours, printed[1], TO_PRINT),
-            printed=printed[1],
-            scenario=scenario,
-            least=ours.min(),
-            most=ours.max(),
-        )
+        for key, table, number, more in (
+            ("table_tracking" if column else "table_first", tracking, printed[0], first),
+            ("table_estimation", estimation, printed[1], {}),
+        ):
+            ours = table[:, column]
+            facts = {"printed": number, "scenario": _COLUMNS[column], **more}
+            facts |= {"off": 100 * abs(ours[0] / number - 1)}
+            facts |= {"least": ours.min(), "most": ours.max()}
+            yield PAPER.over_settings(key, ours, is_near(ours, number, TO_PRINT), **facts)
 
 
 def _columns(true: _Columns, sought: _Columns) -> Iterator[Claim]:
@@ -222,17 +213,12 @@ def _columns(true: _Columns, sought: _Columns) -> Iterator[Claim]:
         ("Estimation", sought.figure("estimation_rms"), "dry-low", "dry-very low"),
     ):
         least, most = names[ours.argmin(axis=1)], names[ours.argmax(axis=1)]
+        facts = {"words": words, "best": best, "worst": worst, "least": least[0], "most": most[0]}
+        facts |= {"same_best": 100 * np.mean(least[1:] == best)}
+        facts |= {"same_worst": 100 * np.mean(most[1:] == worst)}
+        holds = (least == best) & (most == worst)
         yield PAPER.over_settings(
-            "best_and_worst",
-            ours.max(axis=1) / ours.min(axis=1),
-            (least == best) & (most == worst),
-            words=words,
-            best=best,
-            worst=worst,
-            least=least[0],
-            most=most[0],
-            same_best=100 * np.mean(least[1:] == best),
-            same_worst=100 * np.mean(most[1:] == worst),
+            "best_and_worst", ours.max(axis=1) / ours.min(axis=1), holds, **facts
         )
 
 
@@ -270,7 +256,7 @@ def _rises(function: Numbers, time: Numbers) -> _Rises:
     return _Rises(100 * np.mean(up[:, ~beside] > 0, axis=1), up.sum(axis=1))
 
 
-def _lyapunov(time: Numbers, sign: Numbers, thin: Numbers, layered: Numbers) -> list[Claim]:
+def _lyapunov(time: Numbers, sign: Numbers, thin: Numbers, layered: Numbers) -> Iterator[Claim]:
     """The function on all six columns, with the sign as printed and with layers."""
     printed, *others = (_rises(function, time) for function in (sign, thin, layered))
     told = " and ".join(
@@ -278,46 +264,30 @@ def _lyapunov(time: Numbers, sign: Numbers, thin: Numbers, layered: Numbers) -> 
         f"{one.sum.max():.1g} m²/s² in all at most"
         for digits, one in zip(("01", "05"), others, strict=True)
     )
-    jumps = np.max(
-        [
-            sign[:, np.searchsorted(time, at + 0.005)] - sign[:, np.searchsorted(time, at - 0.015)]
-            for at in (10.0, 20.0)
-        ],
-        axis=0,
+    verdict = holding(bool(np.all(printed.share == 0.0)))
+    facts = {"told": told, "start": sign[0, 0]}
+    yield PAPER.judged("lyapunov", float(printed.share.mean()), verdict, **facts)
+    after, before = (
+        sign[:, np.searchsorted(time, np.array([10.0, 20.0]) + beside)]
+        for beside in (0.005, -0.015)
     )
-    rises = [
-        f"{name} by {jump:.2g}" for name, jump in zip(_COLUMNS, jumps, strict=True) if jump > 0
-    ]
-    return [
-        PAPER.judged(
-            "lyapunov",
-            float(printed.share.mean()),
-            holding(bool(np.all(printed.share == 0.0))),
-            told=told,
-            start=sign[0, 0],
-        ),
-        PAPER.judged(
-            "lyapunov_switch",
-            float(jumps.max()),
-            holding(bool(jumps.max() <= 0)),
-            rises=", ".join(rises) or "no column",
-        ),
-    ]
+    jumps = np.max(after - before, axis=1)
+    named = zip(_COLUMNS, jumps, strict=True)
+    rises = ", ".join(f"{name} by {jump:.2g}" for name, jump in named if jump > 0)
+    verdict = holding(bool(jumps.max() <= 0))
+    yield PAPER.judged("lyapunov_switch", float(jumps.max()), verdict, rises=rises or "no column")
 
 
-def _boundedness(true: _Columns, settings: Sequence[Setting]) -> list[Claim]:
+def _boundedness(true: _Columns, settings: Sequence[Setting]) -> Iterator[Claim]:
     time = true.runs.time
     error = np.abs(true.axle("slip") - true.axle("optimum"))
     settled = np.logical_or.reduce([(time > t + 2.0) & (time < t + 10.0) for t in (0, 10, 20)])
-    ends = [np.searchsorted(time, t) - 1 for t in (10.0, 20.0, 30.0)]
     largest = error[:, :, settled].max(axis=(1, 2))
+    bound = 2 * values(settings, "near") * best_slip()
+    yield PAPER.over_settings("bounded", largest, largest < bound)
+    ends = np.searchsorted(time, (10.0, 20.0, 30.0)) - 1
     left = error[:, :, ends].max(axis=(1, 2))
-    return [
-        PAPER.over_settings(
-            "bounded", largest, largest < 2 * values(settings, "near") * best_slip()
-        ),
-        PAPER.over_settings("to_zero", left, left < 0.01),
-    ]
+    yield PAPER.over_settings("to_zero", left, left < 0.01)
 
 
 def _convergence(
@@ -343,8 +313,7 @@ def _power(
     inertia = float(plant.gear_ratio**2 * plant.inertia[0])
     radius, ratio = float(plant.radius[0]), float(plant.gear_ratio)
     share = inertia / (float(plant.dynamic_mass) * radius**2)
-    dry = float(SURFACES["dry"].peak(jnp.asarray(10.0)).adhesion)
-    pull = 2 * radius * float(plant.wheel_load[0]) * GRAVITY * dry
+    pull = 2 * radius * float(plant.wheel_load[0]) * GRAVITY * _largest_on_dry()
     downhill = float(plant.static_mass) * GRAVITY * np.sin(SYSTEM.slope)
     # Four driven axles accelerate the train; Eq. 20 has the pull of one.
     torque = (pull + share * (4 * pull - radius * downhill)) / ratio

@@ -298,7 +298,7 @@ def test_tracking_is_faster_only_where_delay_and_failures_are_fewer():
         "summary": table([0.0, 0.5, 0.9, 0.49, 0.1], [np.nan] * 5),
         "switches": table([0.0] * 5, [0.0, 0.3, 0.9, 0.29, 0.1]),
     }
-    found = tracking_claims(tables, runs=100)
+    found = [*tracking_claims(tables, runs=100)]
     # By hand: .01 +- .01 (two switches, two methods) is one error, and needs nine times the runs.
     assert [claim.verdict for claim in found] == 2 * ["not reproduced", "not decided", "reproduced"]
     assert found[1].deciding_runs == pytest.approx(900, abs=1)
