@@ -246,7 +246,7 @@ def changes_of(models: Sequence[Model], data: Data, now: np.ndarray) -> np.ndarr
         these = models[first : first + PROBES]
         padded = [*these, *[these[0]] * (PROBES - len(these))]
         stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
-        return np.asarray(changes(stacked, data, now))[: len(these)]
+        return np.asarray(changes(stacked, np.asarray(len(these)), data, now))[: len(these)]
 
     with runtime.threads() as pool:
         return np.concatenate(list(pool.map(some, range(0, len(models), PROBES))))

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from adhesion_jax.curves import BASES, Conditions, Curve, with_free_values
 from adhesion_jax.curves.bent import BELOW_EFFECTS, functions
@@ -141,20 +141,22 @@ def _(
     return shape @ factors.T, change
 
 
-def _falls(model: Model) -> Bool[Array, ""]:
-    """Whether a term acts on the fall of the curve."""
-    return jnp.any((model.kind > 0) & (model.column[:, 2] == ACTS_ON.index("fall")))
+def _falls(models: Model) -> Bool[Array, ""]:
+    """Whether a term acts on the fall of the curve, of one model or of any of several."""
+    return jnp.any((models.kind > 0) & (models.column[..., 2] == ACTS_ON.index("fall")))
 
 
-def _peaks(model: Model, data: Data) -> Float[Array, "runs points"]:
-    """The slip of the curve's peak if a term acts on the fall beyond it, else infinity."""
-    if not model.kind.size:
-        return jnp.full_like(data.slip, jnp.inf)
+def _peaks(
+    model: Model, data: Data, asked: Bool[Array, ""], others: Float[Array, "runs points"]
+) -> Float[Array, "runs points"]:
+    """The slip of the curve's peak if it is asked for, else the others."""
     return jax.lax.cond(
-        _falls(model),
-        lambda slip: peak_slips(lambda slip: _curve(model, data.span, slip, data.conditions), slip),
-        lambda slip: jnp.full_like(slip, jnp.inf),
-        data.slip,
+        asked,
+        lambda _: peak_slips(
+            lambda slip: _curve(model, data.span, slip, data.conditions), data.slip
+        ),
+        lambda others: others,
+        others,
     )
 
 
@@ -172,7 +174,8 @@ def _with_jacobian(
     if not model.kind.size:
         adhesion, jacobian = _of_curve_alone(model, data)
         return adhesion, root * (adhesion - data.adhesion), root * jacobian
-    peaks, values = _peaks(model, data), model.values
+    peaks = _peaks(model, data, _falls(model), jnp.full_like(data.slip, jnp.inf))
+    values = model.values
 
     def push(tangent: Array) -> tuple[Array, Array]:
         adhesion, change = jax.jvp(
@@ -212,13 +215,23 @@ def _of_curve_alone(model: Model, data: Data) -> tuple[Array, Array]:
 
 
 @kept(reads=parts)
-def changes(models: Model, data: Data, now: Array) -> Float[Array, "models runs points"]:
-    """The prediction of each model less the prediction `now`."""
+def changes(
+    models: Model, count: Int[Any, ""], data: Data, now: Array
+) -> Float[Array, "models runs points"]:
+    """The predictions of the first `count` of the models, less the prediction `now`; then zeros."""
+    falls = _falls(models)
 
-    def change(model: Model) -> Array:
-        return _predict(model, data, _peaks(model, data)) - now
+    def change(place: Array, known: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        found, before, peaks = known
+        model = jax.tree.map(lambda leaf: leaf[place], models)
+        # Models of one curve share its peak, which takes longer than all the rest.
+        curve = model.values[: layout().base]
+        peaks = _peaks(model, data, falls & jnp.any(curve != before), peaks)
+        return found.at[place].set(_predict(model, data, peaks) - now), curve, peaks
 
-    return jax.lax.map(change, models)
+    nothing = jnp.zeros((PROBES, *now.shape))
+    none, far = jnp.full(layout().base, jnp.nan), jnp.full_like(data.slip, jnp.inf)
+    return jax.lax.fori_loop(0, count, change, (nothing, none, far))[0]
 
 
 @kept(reads=parts)
