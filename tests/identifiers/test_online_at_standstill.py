@@ -81,9 +81,9 @@ def streams(name):
         time = SAMPLING * np.arange(BEFORE + AFTER)
         course = np.r_[:BEFORE, np.full(DURING, BEFORE - 1), BEFORE : BEFORE + AFTER]
         slip = np.asarray(SLOPE.excitation.slip(jnp.asarray(time)))[course]
-        true = float(jax.grad(lambda slip: SLOPE.rail.law(slip, {}))(slip[-1])) / SPEED
+        true = float(jax.grad(lambda slip: SLOPE.rail.curve(slip, {}))(slip[-1])) / SPEED
         slip = slip + 0.005 / SPEED * rng.normal(size=(RUNS, TOTAL))
-        law = SLOPE.rail.law
+        law = SLOPE.rail.curve
     else:
         slip, true, law = rng.uniform(0.0, 0.2, (RUNS, TOTAL)), MU_MAX, TRUTH
     columns = [

@@ -16,7 +16,7 @@ from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 STREAMS = 3
 
 #: The first of these scenarios that a method takes.
-HOMES = ("qian2024-switch", "fang2018-slope", "qian2024", "single")
+HOMES = ("qian2024-switch", "fang2018-slope", "qian2024", "single", "stream-slope")
 
 #: Those that may be differentiated backwards; in the others a loop ends where it has converged.
 ONE_PASS = ("rls-kiencke", "rls-kiencke-variable", "qp-qian2024-1", "qp-bias-compensated")
