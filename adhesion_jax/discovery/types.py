@@ -80,7 +80,7 @@ class Dependence(NamedTuple):
     column: str
     unit: str
     values: np.ndarray  # [grid]
-    factor: np.ndarray  # [grid]: adhesion relative to that at the median of the column
+    factor: np.ndarray  # [grid]: adhesion relative to that of the curve alone
     low: np.ndarray  # [grid]: 95 % band
     high: np.ndarray
 
