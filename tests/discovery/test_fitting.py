@@ -22,14 +22,16 @@ from statsmodels.robust.norms import HuberT
 from adhesion_jax.curves import BASES, with_free_values
 from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent
 from adhesion_jax.discovery.model.fitting import (
+    changes_of,
     covariance,
     fit_model,
     nearly_fitted,
     quantile,
+    size_of,
     slope_of,
     weighed,
 )
-from adhesion_jax.discovery.model.packing import base_curve
+from adhesion_jax.discovery.model.packing import base_curve, pack
 from adhesion_jax.discovery.model.prediction import (
     Gain,
     expected_loss,
@@ -523,3 +525,19 @@ def test_a_difference_of_traction_and_braking_is_that_of_the_whole_curve(true):
     fitted = nearly_fitted(setting_of(table, 0.006), "burckhardt", TRUE, (ModeAsymmetry(0.03),))
     (effect,) = fitted.effects
     assert float(effect.k) == pytest.approx(true - 0.03, abs=0.02)
+
+
+def test_models_beside_each_other_have_each_the_peak_of_its_own_curve():
+    """Where an effect acts on the fall: those of one curve share it, and no other has it."""
+    table = campaign(np.random.default_rng(3))
+    fitted = alone(table.assign(adhesion=curve(table["slip_ratio"])))
+    fall = Covariate(0.5, 0.0, 1.0, column="warm", acts_on="fall")
+    size, problem = size_of("burckhardt", (fall,)), fitted.setting.problem
+    models = [
+        pack(problem, "burckhardt", [c1, c2, *fitted.base_values[2:].tolist()], (fall,), size)
+        for c1, c2 in ((0.3, 60.0), (0.3, 60.0), (0.2, 20.0), (0.3, 60.0))
+    ]
+    together = changes_of(models, problem.data, fitted.adhesion)
+    one_by_one = [changes_of([model], problem.data, fitted.adhesion)[0] for model in models]
+    np.testing.assert_allclose(together, one_by_one, rtol=0, atol=1e-15)
+    assert np.abs(together[0] - together[2]).max() > 0.05
