@@ -10,7 +10,13 @@ from discovery_campaigns import SIZE, campaign, curve, state_of
 from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.probes import null_of
-from adhesion_jax.discovery.search.refinement import _harmonics, forms_of, refined
+from adhesion_jax.discovery.search.refinement import (
+    _harmonics,
+    _smaller,
+    forms_of,
+    pruned,
+    refined,
+)
 from adhesion_jax.discovery.search.screening import screen
 from adhesion_jax.discovery.search.selection import undecided
 from adhesion_jax.discovery.search.state import Accepted, slots_of, with_constants, with_parts
@@ -210,3 +216,23 @@ def test_an_offset_or_a_shift_need_not_be_nothing_at_the_middle_of_its_column(ac
     (bare,) = with_constants([effect._replace(parts=(level, constant))])
     assert bare.parts == (level,)
     assert with_constants([effect]) == (effect,)
+
+
+def test_a_constant_is_not_left_out_alone():
+    """It would stand there again, and what is unnecessary would be looked for without end."""
+    draw = np.random.default_rng(6)
+    table = campaign(draw)
+    # A shift that is nothing at the middle of its column, so that its constant gains nothing.
+    more = curve(table["slip_ratio"] + 0.002 * table["warm"]) * (1 + 0.1 * table["load"])
+    shift = Covariate(0.002, 0.0, 1.0, column="warm", acts_on="shift")
+    level = Covariate(0.1, 0.0, 1.0, column="load")
+    state = state_of(
+        table.assign(adhesion=more + draw.normal(0, 0.003, len(table))),
+        taken("covariate:warm", shift, "warm", generic=True),
+        taken("covariate:load", level, "load", generic=True),
+    )
+    first, _ = state.accepted
+    assert [type(part) for part in first.parts] == [Covariate, Constant]
+    assert all(with_constants(rest) != state.accepted for rest in _smaller(state))
+    kept = pruned(state)
+    assert [effect.name for effect in kept.accepted] == ["covariate:warm", "covariate:load"]

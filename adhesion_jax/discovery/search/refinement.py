@@ -18,10 +18,19 @@ from adhesion_jax.discovery.search.state import (
     parts_of,
     settled,
     slots_of,
+    with_constants,
     with_parts,
 )
 from adhesion_jax.discovery.search.trials import Trial, is_worth, tried
-from adhesion_jax.effects import EFFECTS, Effect, Interaction, Periodic, Threshold, kind_of
+from adhesion_jax.effects import (
+    EFFECTS,
+    Constant,
+    Effect,
+    Interaction,
+    Periodic,
+    Threshold,
+    kind_of,
+)
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.effects.signals import SlipBias
 from adhesion_jax.effects.slip_velocity import FallingFriction
@@ -152,7 +161,7 @@ def pruned(state: Selection) -> Selection:
     The earliest is tried first, and after each removal all are tried again.
     """
     while True:
-        for rest in _smaller(state):
+        for rest in map(with_constants, _smaller(state)):
             less = refitted(state.fitted, parts_of(rest))
             if is_worth(less, state.fitted):
                 continue
@@ -178,8 +187,6 @@ def _smaller(state: Selection) -> Iterator[tuple[Accepted, ...]]:
             continue
         yield all_but(accepted, number)
     for number, effect in enumerate(accepted):
-        if len(effect.parts) < 2:
-            continue
         newest = number == len(accepted) - 1
         for less in _with_a_part_less(effect, newest, state.setting.problem):
             yield (*accepted[:number], less, *accepted[number + 1 :])
@@ -189,8 +196,11 @@ def _with_a_part_less(effect: Accepted, newest: bool, problem: Problem) -> Itera
     """The effect without a part, for each part but the last of the newest effect.
 
     Without the first part, which names the effect, the last one takes its place, if it is a cause.
+    A constant goes with the last of the forms that it stands beside.
     """
-    parts = effect.parts
+    parts = tuple(part for part in effect.parts if not isinstance(part, Constant))
+    if len(parts) < 2:
+        return
     for part in range(1, len(parts) - newest):
         yield effect._replace(parts=(*parts[:part], *parts[part + 1 :]))
     last = parts[-1]
