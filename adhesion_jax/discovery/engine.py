@@ -24,7 +24,7 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import features_of, import_trees, second_opinion
-from adhesion_jax.discovery.search.selection import search
+from adhesion_jax.discovery.search.selection import nominated, search
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
@@ -95,7 +95,7 @@ def discover(
     falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
     plain, final = _plainer(plain, final, falling, entries, seed, progress)
     progress("asking for a second opinion", 0.85)
-    opinion = opinion_of(final, seed, same)
+    final, opinion = _with_opinion(final, entries, seed, same)
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
     warnings += [*same.values(), *_few_runs(problem)]
     if correct and (opinion is None or opinion.correction is None):
@@ -104,6 +104,24 @@ def discover(
     found = summarise(runs, blocks, plain, final, slip, opinion, test, warnings, correct, seed)
     seconds = time.perf_counter() - began
     return found._replace(source=source, citation=citation, seconds=seconds)
+
+
+def _with_opinion(
+    state: Selection, entries: Sequence[Entry], seed: int, without: Container[str]
+) -> tuple[Selection, Opinion | None]:
+    """The state with effects of the columns that boosted trees name, and what they still predict.
+
+    They do not know the columns `without`.
+    """
+    opinion = opinion_of(state, seed, without)
+    for _ in range(rules.MOST_ROUNDS):
+        if opinion is None or not opinion.columns:
+            break
+        more = nominated(state, entries, opinion, seed)
+        if more is state:
+            break
+        state, opinion = more, opinion_of(more, seed, without)
+    return state, opinion
 
 
 def refuse_training_runs(runs: RunSet, test: RunSet) -> None:

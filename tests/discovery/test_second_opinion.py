@@ -6,8 +6,13 @@ import pytest
 from scipy.signal import lfilter
 
 import adhesion_jax as aj
-from adhesion_jax.discovery.search.rules import OPINION_HINTED, OPINION_SIGNIFICANT
+from adhesion_jax.discovery.search.rules import (
+    OPINION_HINTED,
+    OPINION_SIGNIFICANT,
+    SIGNIFICANT,
+)
 from adhesion_jax.discovery.search.second_opinion import second_opinion
+from experiments.stranger_sets import stranger
 
 RUNS, POINTS = 28, 200
 OWN = ("slip_ratio",)
@@ -131,6 +136,20 @@ def test_columns_of_the_slip_are_used_and_not_named():
     assert opinion.explained > 0.2
     named = second_opinion(columns, wave + noise(7, 0.3, 0.3), run, (), 0)
     assert named.columns == ("slip_ratio",)
+
+
+@pytest.mark.long
+def test_a_column_that_trees_name_is_an_effect_where_signs_of_the_runs_do_not_tell_it():
+    """A step of the level in the humidity, which hardly varies within 28 runs."""
+    made = stranger(7219, 181, False)
+    found = aj.discover(made.train, test=made.test, seed=181).findings
+    first = [row for row in found.ranking if row.round == 0]
+    assert min(row.p_adjusted for row in first) > SIGNIFICANT
+    (effect,) = (*found.effects, *found.unexplained)
+    assert {"relative_humidity_pct"} == {*effect.covariates}
+    assert effect.p_adjusted <= OPINION_SIGNIFICANT
+    before, after = found.test.before.value, found.test.after.value
+    assert before**2 - after**2 > 0.8 * (before**2 - made.test_noise**2)
 
 
 @pytest.mark.long

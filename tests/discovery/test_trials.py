@@ -1,14 +1,17 @@
-"""Which candidates are one class, and what is decided of each."""
+"""Which candidate is chosen, which are one class, and what is decided of each."""
+
+from types import SimpleNamespace as Bare
 
 import numpy as np
 import pytest
 
 from adhesion_jax.discovery.model.prediction import Gain
-from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search import rules, trials
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.search.trials import (
     Trial,
+    choose,
     class_of,
     of_signals,
     ranked,
@@ -78,6 +81,33 @@ def test_an_error_of_a_signal_is_one_of_all_and_without_a_change_there_is_no_cla
     assert class_of([bias], bias) == ("slip_bias", *(n for n in of_signals() if n != "slip_bias"))
     unsure = score("curve", change=np.zeros(0))
     assert class_of([unsure, score("best")], unsure) == ("curve",)
+
+
+@pytest.mark.parametrize(
+    ("of_cause", "error", "is_named"),
+    [
+        (9.0, 0.5, True),  # no more than 15 % behind
+        (8.0, 0.5, False),  # four errors behind, and by more than that
+        (8.0, 1.5, True),
+        (5.1, 9.0, True),
+        # Less than half of what the column gains, though that may be chance.
+        (4.9, 9.0, False),
+    ],
+)
+def test_a_cause_is_named_where_its_formula_fits_as_well_as_its_column(
+    of_cause, error, is_named, monkeypatch
+):
+    monkeypatch.setattr(
+        trials, "gain", lambda less, more: Gain(less.loss - more.loss, error, freedom=np.inf)
+    )
+
+    def gained(name, gain):
+        loss = 100.0 - gain
+        return Trial(score(name), Bare(loss=loss), loss)
+
+    cause, column = gained("curve", of_cause), gained("covariate:curvature_per_m", 10.0)
+    chosen = choose([column, cause], gained("nothing", 0.0))
+    assert chosen is (cause if is_named else column)
 
 
 def test_the_shortlist_is_of_what_gains_most_and_none_where_nothing_is_significant():

@@ -122,8 +122,8 @@ def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:
         entries.append(entry_of(kind_of(starts[0]), starts, problem))
     for start in _harmonics(effect.parts, problem):
         entries.append(entry_of(f"periodic:{start.column}", [start], problem))
-    there = {_form(part) for part in effect.parts}
-    return [entry for entry in entries if entry.starts and _form(entry.starts[0]) not in there]
+    there = {form_of(part) for part in effect.parts}
+    return [entry for entry in entries if entry.starts and form_of(entry.starts[0]) not in there]
 
 
 def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
@@ -144,7 +144,7 @@ def _harmonics(parts: Sequence[Effect], problem: Problem) -> list[Periodic]:
     ]
 
 
-def _form(effect: Effect) -> tuple[object, ...]:
+def form_of(effect: Effect) -> tuple[object, ...]:
     """The kind of a part, its columns, what it acts on and its frequency: equal for equal forms."""
     words = [
         getattr(effect, field.name)

@@ -94,8 +94,8 @@ AHEAD_ERRORS = 2.0
 #: the search.
 COLUMN_SHARE_OF_GAIN = 0.15
 
-#: A physical cause is named in place of a plain column of its family that is ahead of it, if its
-#: gain exceeds this share of the column's: its formula is inexact, not its column. By hand.
+#: A physical cause is named in place of a plain column only if its gain exceeds this share of the
+#: column's, though the difference may be within its error. By hand.
 SAME_CAUSE_SHARE = 0.5
 
 #: A cause with a strength at an end of its range is contradicted if beyond that end it would gain

@@ -9,7 +9,7 @@ from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column, surfaces
 from adhesion_jax.discovery.search.probes import Null, null_of, split
-from adhesion_jax.discovery.search.refinement import fitted_start, pruned, refined
+from adhesion_jax.discovery.search.refinement import fitted_start, form_of, pruned, refined
 from adhesion_jax.discovery.search.scans import waves
 from adhesion_jax.discovery.search.screening import Score, least_p, screen
 from adhesion_jax.discovery.search.state import (
@@ -31,7 +31,7 @@ from adhesion_jax.discovery.search.trials import (
     trial_of,
     tried,
 )
-from adhesion_jax.discovery.types import Candidate, Doubt
+from adhesion_jax.discovery.types import Candidate, Doubt, Opinion
 from adhesion_jax.effects import Effect, kind_of
 from adhesion_jax.wording import p_is
 
@@ -75,6 +75,31 @@ def search(
         if len(state.accepted) < len(found.accepted):
             return state
     return state
+
+
+def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed: int) -> Selection:
+    """The state with an effect of the columns by which boosted trees predict runs left out.
+
+    The opinion of the trees is a test of its own, whose p is that of the effect: only the form is
+    left to be found, which signs of few runs may not tell from chance among all that the search
+    looks at. Without a form that lowers the expected loss enough it is the state itself.
+    """
+    problem, names = state.setting.problem, {*opinion.columns}
+    own = [name for effect in state.accepted for name in effect.covariates]
+    forms = [entry for entry in _open(entries, state) if names & {*entry.covariates}]
+    for column in problem.columns:
+        if label_of(column, problem.measured) in names:
+            forms += forms_of_column(column, problem)
+    forms += surfaces(problem, opinion.columns, (*opinion.columns, *own))
+    known = {form_of(part) for part in parts_of(state.accepted)}
+    new = {form_of(entry.starts[0]): entry for entry in forms}
+    tested = [entry for form, entry in new.items() if form not in known]
+    within = (False,) if problem.blocks else (False, True)
+    scores = screen([(null_of(state.fitted, within=one), tested) for one in within], seed)
+    number = state.ranking[-1].round + 1 if state.ranking else 0
+    p = max(opinion.p, least_p(problem.runs))
+    found = _next(state, scores, rules.SIGNIFICANT, number, seed, p)
+    return pruned(refined(found, seed)) if _grown(found, state) else state
 
 
 def _nulls(state: Selection, entries: Sequence[Entry]) -> list[Null]:
@@ -184,10 +209,19 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
 
 
 def _next(
-    state: Selection, scores: Sequence[Score], significant: float, number: int, seed: int
+    state: Selection,
+    scores: Sequence[Score],
+    significant: float,
+    number: int,
+    seed: int,
+    known: float = 1.0,
 ) -> Selection:
-    """The state after one round: with its rows of the ranking, and one more effect if accepted."""
-    trials = tried(state.fitted, shortlisted(scores, significant))
+    """The state after one round: with its rows of the ranking, and one more effect if accepted.
+
+    `known` is the p of a test apart from the scores that all of these candidates rest on.
+    """
+    sharper = [score._replace(p=min(score.p, known)) for score in scores]
+    trials = tried(state.fitted, shortlisted(sharper, significant))
     if not trials:
         rows = ranked(number, scores, (), None, None, (), False)
         return state._replace(ranking=(*state.ranking, *rows))
@@ -197,24 +231,25 @@ def _next(
         trial for trial in trials if is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
     ]
     best = choose(worthy or trials, now)
-    # Some form of its columns must be significant, not that candidate itself: the form of the best
-    # score need not be the one that explains most.
-    certain = {trial.score.entry.covariates for trial in trials if trial.score.p <= significant}
-    sure = best.score.entry.covariates in certain
     joint = _joint(best, now, scores, seed)
     chosen = best if joint is None else joint
     gained = gain(now.fitted, chosen.fitted)
-    accepted = sure and is_worth(now.fitted, chosen.fitted, chosen.score.entry.generic)
     members = class_of(scores, chosen.score)
+    # Some form of its columns or of its class must be significant, not that candidate itself: the
+    # form of the best score need not be the one that explains most.
+    own = {*chosen.score.entry.covariates}
+    p = min(
+        score.p
+        for score in (chosen.score, *sharper)
+        if {*score.entry.covariates} <= own or score.entry.name in members
+    )
+    worth = is_worth(now.fitted, chosen.fitted, chosen.score.entry.generic)
+    accepted = p <= significant and worth
     # A pair was not scored with the others and has no row of its own.
     in_row = best if joint is None else None
     ranking = (*state.ranking, *ranked(number, scores, trials, now, in_row, members, accepted))
     if not accepted:
         return state._replace(ranking=ranking)
-    # The p of the effect is the smallest of any form of its columns.
-    own = {*chosen.score.entry.covariates}
-    p = min(score.p for score in scores if {*score.entry.covariates} <= own)
-    p = min(p, chosen.score.p)
     new = as_effect(chosen.score.entry, members, fitted_start(chosen), p, gained.total)
     return _with_effect(state, new, ranking)
 

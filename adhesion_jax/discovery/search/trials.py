@@ -71,8 +71,8 @@ def _small(start: Effect) -> Effect:
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     """The candidate that explains the residual of the model `now`.
 
-    The best physical cause, unless the best plain column is clearly ahead of it. Then the column,
-    unless it acts on the level and a cause of its family reaches much of its gain.
+    The best physical cause, unless the best plain column is clearly ahead of it, or the cause
+    reaches but a small part of what the column gains.
     """
     causes = [trial for trial in trials if not trial.score.entry.generic]
     columns = [trial for trial in trials if trial.score.entry.generic]
@@ -82,16 +82,9 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     if not causes:
         return column
     cause = min(causes, key=lambda trial: trial.loss)
-    whole = now.loss - column.loss
-    if not clearly_ahead(cause, column, now):
-        return cause
-    if column.score.entry.acts_on != "level":
-        return column
-    kin = [trial for trial in causes if trial.score.entry.family == column.score.entry.family]
-    for trial in sorted(kin, key=lambda trial: trial.loss):
-        if now.loss - trial.loss > rules.SAME_CAUSE_SHARE * whole:
-            return trial
-    return column
+    much = rules.SAME_CAUSE_SHARE * (now.loss - column.loss)
+    fits = now.loss - cause.loss > much and not clearly_ahead(cause, column, now)
+    return cause if fits else column
 
 
 def _best_column(columns: Sequence[Trial], now: Trial) -> Trial:
