@@ -59,6 +59,7 @@ class Stranger(NamedTuple):
 
     train: pd.DataFrame
     test: pd.DataFrame
+    change: Array  # by which the effect changes its part of the curve, [training rows]
     base: str
     layout: str
     noise: str
@@ -125,7 +126,7 @@ def _drawn(rng: Random, number: int, null: bool) -> Stranger:
     gaps = _rms(gap(size)[~in_test]) / sigma, _rms(gap(size)[in_test])
     train, test = (table[which].reset_index(drop=True) for which in (~in_test, in_test))
     told = (base, layout, noise, effect, causes, harmless, sigma, scatter)
-    return Stranger(train, test, *told, *gaps, _rms(unmodelled[in_test]))
+    return Stranger(train, test, (size * cause)[~in_test], *told, *gaps, _rms(unmodelled[in_test]))
 
 
 def curve_of(base: str, rng: Random) -> Curve:

@@ -1,7 +1,7 @@
 """`python -m experiments.strangers`: how often the discovery is right on campaigns of strangers."""
 
 import time
-from collections.abc import Iterator, Set
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,7 @@ QUANTITIES = (
     "behind trees, untold",
     "trees told",
     "error foretold",
+    "size covered",
 )
 OF_NULLS = ("claimed", "made worse", "trees told", "error foretold")
 
@@ -64,6 +65,7 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
     before, after = found.test.before.value, found.test.after.value
     by_trees, by_lines = _peers_rms(made, found)
     corrected = found.with_trees.after.value if found.with_trees else after
+    sizes = _sizes(made, reported)
     removed = {
         column: removed_share(before, error, made.test_noise) if made.causes else np.nan
         for column, error in zip(
@@ -86,6 +88,8 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
         "behind trees, untold": behind and found.opinion is None,
         "trees told": found.opinion is not None,
         "error foretold": _foretold(found.validation.after, found.test.after),
+        "sizes": len(sizes),
+        "size covered": sum(sizes),
         "before": before,
         "after": after,
         "trees": by_trees,
@@ -103,6 +107,30 @@ def _foretold(validation: Interval, test: Interval) -> bool:
     first, other = sorted((validation, test))
     least = np.hypot(first.high - first.value, other.value - other.low)
     return bool(other.value - first.value <= least)
+
+
+def _sizes(made: Stranger, effects: Sequence[FoundEffect]) -> list[bool]:
+    """Of each line of a cause that is reported alone, whether its interval holds the true slope.
+
+    Where the level changes by 1 + a line of each cause that is that of the law mu exp(sum of k z)
+    next to it, by least squares of mu. Nothing else has a slope.
+    """
+    if made.effect not in ("two weak", "designed"):
+        return []
+    names = [cause[0] for cause in made.causes]
+    z = StandardScaler().fit_transform(made.train[names])
+    weight = np.abs(made.train["adhesion"].to_numpy())
+    line = LinearRegression().fit(z, np.log1p(made.change), weight**2)
+    slopes = dict(zip(names, line.coef_, strict=True))
+    found = {
+        effect.covariates[0]: effect.parameters["k"]
+        for effect in effects
+        if effect.name.startswith("covariate:") and effect.acts_on == "level"
+        if {*effect.parameters} == {"k"}
+    }
+    return [
+        bool(one.low <= slopes[name] <= one.high) for name, one in found.items() if name in slopes
+    ]
 
 
 def names_of(effect: FoundEffect) -> Set[str]:
@@ -151,14 +179,15 @@ def _groups(sets: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
 
 
 def rates(sets: pd.DataFrame) -> pd.DataFrame:
-    """Shares of sets, or of causes for `named`, with their 95 % intervals by Wilson 1927."""
+    """Shares of sets, of causes (`named`) or of slopes, with their 95 % intervals, Wilson 1927."""
     return rates_of(_counted(sets), ("hidden", "group"), "wilson")
 
 
 def _counted(sets: pd.DataFrame) -> Iterator[Group]:
     for part, group, own in _groups(sets):
         counts = {name: len(own) for name in (OF_NULLS if part == "nothing" else QUANTITIES[1:])}
-        counts |= {"named": int(own["causes"].sum())} if part == "a cause" else {}
+        if part == "a cause":
+            counts |= {"named": int(own["causes"].sum()), "size covered": int(own["sizes"].sum())}
         yield (part, group), {name: (int(own[name].sum()), n) for name, n in counts.items()}
 
 
@@ -180,7 +209,9 @@ def text(sets: pd.DataFrame) -> str:
     removed["cell"] = [
         f"{t.median:.2f} {t.quartile:.2f} {t.decile:.2f}" for t in removed.itertuples()
     ]
-    lines = ["Sets, or causes for `named`, and the share of them with its 95 % interval"]
+    lines = [
+        "Sets, causes (`named`) or slopes (`size covered`), and their share with its 95 % interval"
+    ]
     for hidden, part in table.groupby("hidden", sort=False):
         lines += ["", f"hidden: {hidden}", _wide(part, "quantity")]
     if len(removed):

@@ -65,7 +65,8 @@ def test_a_set_follows_from_seed_and_number_alone(null):
     again = stranger(3, 4, null)
     pd.testing.assert_frame_equal(first.train, again.train)
     pd.testing.assert_frame_equal(first.test, again.test)
-    assert first[2:] == again[2:]
+    np.testing.assert_array_equal(first.change, again.change)
+    assert first[3:] == again[3:]
     assert not np.array_equal(first.train["adhesion"], other.train["adhesion"])
     assert not np.array_equal(first.train["adhesion"], stranger(4, 4, null).train["adhesion"])
 
@@ -207,6 +208,30 @@ def test_a_claim_is_right_where_it_names_the_column_alone_or_in_a_product(monkey
     assert strangers._foretold(Interval(0.03, 0.025, 0.035), Interval(0.0354, 0.033, 0.038))
     assert none["share corrected"] == none["share"]
     assert none["behind trees, untold"] == none["behind trees"]
+
+
+def test_a_slope_is_covered_where_its_interval_holds_that_of_the_effect():
+    draw = np.random.default_rng(2)
+    train = pd.DataFrame(draw.normal([5.0, -2.0], [3.0, 0.5], (500, 2)), columns=["a", "b"])
+    change = np.expm1(0.1 * (train["a"] - 5) / 3 - 0.2 * (train["b"] + 2) / 0.5)
+    line = made(0)._replace(
+        train=train.assign(adhesion=0.2),
+        change=change.to_numpy(),
+        effect="designed",
+        causes=(("a",), ("b",)),
+    )
+
+    def slope(column, *interval, **more):
+        effect = effect_of(f"covariate:{column}", (column,))
+        effect.acts_on, effect.parameters = "level", {"k": Interval(0.0, *interval), **more}
+        return effect
+
+    # The slopes are those of the columns in units of their standard deviations.
+    a, b = train["a"].std(ddof=0) / 3 * 0.1, -train["b"].std(ddof=0) / 0.5 * 0.2
+    both = [slope("a", a - 1e-9, a + 1e-9), slope("b", b + 1e-6, 0.0)]
+    assert strangers._sizes(line, both) == [True, False]
+    assert strangers._sizes(line, [slope("c", -1, 1), slope("a", -1, 1, place=0.0)]) == []
+    assert strangers._sizes(line._replace(effect="smooth level"), both) == []
 
 
 def test_rates_and_shares_of_sets_counted_by_hand(monkeypatch):
