@@ -13,7 +13,7 @@ from adhesion_jax.identifiers.online import Found, Sample, SelectiveMethod
 from adhesion_jax.metrics.information import inverse_information
 from adhesion_jax.optim import levenberg_marquardt
 from adhesion_jax.optim.arrays import Count, Matrix, Value, Vector, Whether
-from adhesion_jax.optim.levenberg_marquardt import Local, advance, normal_equations
+from adhesion_jax.optim.levenberg_marquardt import Local, advance, normal_equations, undamped
 from adhesion_jax.records import Known
 
 #: Intervals of slip: the first one from 0 to this share of the largest slip, each of the others by
@@ -22,6 +22,10 @@ _BINS, _LEAST = 64, 1e-3
 
 #: Most damping that is left for the next sample: a thousandth of a step of Gauss and Newton.
 _MOST_DAMPED = 1e3
+
+#: An estimate has converged where the optimum is nearer than this share of a standard error, or of
+#: the adhesion, which is as far as rounding lets it come to data without noise.
+_NEAR, _ROUNDING = 0.1, 1e-10
 
 
 class Binned(NamedTuple):
@@ -95,8 +99,16 @@ class KienckeFree(SelectiveMethod):
         return Binned(products, squares, search.x, damping, sums.samples + 1)
 
     def found(self, known: Known, sums: Binned) -> Found:
-        factor = jnp.asarray(self.factor, float)
-        return Found(sums.x, covariance_of(known, sums), sums.samples > sums.x.size, factor)
+        means, x = means_of(sums.products, centres_of(known), sums.x), sums.x
+        local = evaluated(means, x)
+        variance, covariance = noise_of(known, sums, means, local)
+        step, regular = undamped(x, local, known.lower, known.upper)
+        size = jnp.sum(means.weight * jnp.square(means.adhesion))
+        near = jnp.maximum(_NEAR**2 * variance, _ROUNDING**2 * size)
+        left = -jnp.sum(step * local.gradient)  # step' H step, twice what it takes from the loss
+        # Of points at two slips rounding may make a Jacobian of full rank.
+        enough = (sums.samples > x.size) & (jnp.sum(means.weight > 0) >= x.size) & regular
+        return Found(x, covariance, enough & (left <= near), jnp.asarray(self.factor, float))
 
 
 def edges_of(known: Known) -> Float[Array, " inner"]:
@@ -136,10 +148,12 @@ def evaluated(means: Means, x: Vector) -> Local:
     return normal_equations([by_a0, by_p1, slip * by_p1], x[0] * by_a0 - root * means.adhesion)
 
 
-def covariance_of(known: Known, sums: Binned) -> Matrix:
-    """That of a0, p1 and p2; the width of the box where the data do not determine them."""
-    means, x = means_of(sums.products, centres_of(known), sums.x), sums.x
-    local = evaluated(means, x)
+def noise_of(known: Known, sums: Binned, means: Means, local: Local) -> tuple[Value, Matrix]:
+    """The variance of the noise, and the covariance of a0, p1 and p2 that comes of it.
+
+    Where the data do not determine them, NaN and the width of the box.
+    """
+    x = sums.x
     other = evaluated(means._replace(weight=sums.squares), x)
     inverse = inverse_information(local.hessian)
     # In a bin adhesion rises with slip, which is not noise.
@@ -151,7 +165,8 @@ def covariance_of(known: Known, sums: Binned) -> Matrix:
     variance = jnp.maximum(2 * local.loss + scatter, 0.0) / jnp.maximum(freedom, 1e-3)
     found = variance * inverse @ other.hessian @ inverse
     enough = jnp.all(jnp.isfinite(found)) & (freedom > 0)
-    return jnp.where(enough, found, jnp.diag(jnp.square(known.upper - known.lower)))
+    width = jnp.diag(jnp.square(known.upper - known.lower))
+    return variance, jnp.where(enough, found, width)
 
 
 #: Some three hundred samples are remembered.

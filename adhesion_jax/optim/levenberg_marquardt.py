@@ -267,8 +267,8 @@ def fit(residual: Residual, start: Vector, lower: Vector, upper: Vector, max_ste
     return Result(x, 2 * local.loss, local.hessian, steps, steps * (1 + x.size), converged)
 
 
-def proven(x: Vector, local: Local, lower: Vector, upper: Vector) -> Whether:
-    """Whether x is a minimum: no undamped step is left, and the Jacobian is of full rank.
+def undamped(x: Vector, local: Local, lower: Vector, upper: Vector) -> tuple[Vector, Whether]:
+    """The step of Gauss and Newton, and whether the Jacobian is of full rank.
 
     Parameters on a bound that they are pushed against take no part.
     """
@@ -276,6 +276,11 @@ def proven(x: Vector, local: Local, lower: Vector, upper: Vector) -> Whether:
     length = jnp.sqrt(jnp.diag(local.hessian))
     loose = jnp.where(held, 0.0, 1.0) / jnp.where(length > 0, length, 1.0)
     matrix = local.hessian * loose[:, None] * loose + jnp.diag(jnp.where(held, 1.0, 0.0))
-    step, pivots = solved(matrix, loose * local.gradient)
-    settled = jnp.abs(loose * step) <= _SETTLED * jnp.abs(x)
-    return jnp.all(pivots > _SINGULAR) & jnp.all(held | settled)
+    step, pivots = solved(matrix, -loose * local.gradient)
+    return loose * step, jnp.all(pivots > _SINGULAR)
+
+
+def proven(x: Vector, local: Local, lower: Vector, upper: Vector) -> Whether:
+    """Whether x is a minimum: no undamped step is left, and the Jacobian is of full rank."""
+    step, regular = undamped(x, local, lower, upper)
+    return regular & jnp.all(jnp.abs(step) <= _SETTLED * jnp.abs(x))

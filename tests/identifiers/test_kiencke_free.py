@@ -10,7 +10,7 @@ from lanes import lanes
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves.kiencke import Kiencke
-from adhesion_jax.identifiers import IDENTIFIERS, identify
+from adhesion_jax.identifiers import IDENTIFIERS, Status, identify
 from adhesion_jax.records import Known, Record
 from adhesion_jax.scenarios.rails import KIENCKE_FREE, KIENCKE_RAILS, QIAN2024
 
@@ -24,11 +24,14 @@ def law(x, slip):
     return x[0] * slip / (1 + x[1] * size + x[2] * size**2)
 
 
+def parameters_of(rail):
+    return [float(getattr(KIENCKE_RAILS[rail], name)) for name in ("a0", "p1", "p2")]
+
+
 def runs(rail, count, points, sigma=0.01, seed=0):
     rng = np.random.default_rng(seed)
     slip = rng.uniform(0.0, 0.2, (count, points))
-    x = [float(getattr(KIENCKE_RAILS[rail], name)) for name in ("a0", "p1", "p2")]
-    return slip, law(x, slip) + sigma * rng.normal(size=slip.shape)
+    return slip, law(parameters_of(rail), slip) + sigma * rng.normal(size=slip.shape)
 
 
 def found(slip, adhesion, known=KIENCKE_FREE, method=METHOD):
@@ -56,6 +59,7 @@ def deviations_of(estimate):
 def test_it_finds_the_weighted_least_squares_of_scipy_and_their_errors(rail):
     slip, adhesion = runs(rail, 4, 500, 0.003, seed=1)
     estimate = found(slip, adhesion)
+    assert np.all(estimate.status == Status.TRUSTED)
     weight = WEIGHT ** np.arange(499, -1, -1)
     for i in range(4):
         best = least_squares(
@@ -74,6 +78,21 @@ def test_it_finds_the_weighted_least_squares_of_scipy_and_their_errors(rail):
         # What slips within an interval tell, a few hundredths of all, moves it by a tenth or two.
         assert np.all(np.abs(values_of(estimate)[i, :3] - best.x) < 0.3 * deviation)
         np.testing.assert_allclose(deviations_of(estimate)[i, :3], deviation, rtol=0.03)
+
+
+def test_no_estimate_on_its_way_is_told_as_trusted():
+    """Without noise whatever is trusted is the truth, after 4 samples, 10 and 40."""
+    truth = parameters_of("dry")
+    away, trusted = {}, {}
+    for points in (4, 10, 40):
+        estimate = found(*runs("dry", 2048, points, 0.0, seed=7))
+        off = np.max(np.abs(values_of(estimate)[:, :3] / truth - 1), axis=1) > 1e-3
+        told = estimate.status == Status.TRUSTED
+        away[points], trusted[points] = np.sum(off), np.mean(told)
+        assert not np.any(off & told)
+    assert away[10] > 100
+    assert trusted[10] > 0.85
+    assert trusted[40] == 1
 
 
 @pytest.mark.long
