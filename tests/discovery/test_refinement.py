@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, campaign, curve, state_of
 
-from adhesion_jax.discovery.model.fitting import has_room
+from adhesion_jax.discovery.model.fitting import has_room, size_of, slope_of
 from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.refinement import (
@@ -162,6 +162,18 @@ def test_a_model_that_fills_its_program_grows_no_further(quiet):
     assert screen([(null, entries)], seed=0)
     full = null._replace(fitted=quiet.fitted._replace(effects=(line,) * 12))
     assert screen([(full, entries)], seed=0) == ()
+
+
+def test_a_full_model_has_room_for_what_is_put_beside_it(quiet):
+    """Constants of offset and shift, three lines that are tested as one, and a probe."""
+    line = Covariate(0.0, 0.0, 1.0, column="position_m", acts_on="level")
+    (start,) = Labels.starts({"axle": np.arange(3.0)})
+    constants = [Constant(0.0, acts_on=acts_on) for acts_on in ("offset", "shift")]
+    for full in ((line,) * 12, (start,) * 8):
+        assert size_of("burckhardt", (*full, *constants, line, line, line, line))
+    # Lines that do nothing leave the slope that the curve has alone.
+    crowded = quiet.fitted._replace(effects=(line,) * 12)
+    np.testing.assert_allclose(slope_of(crowded), slope_of(quiet.fitted), atol=1e-6)
 
 
 def row(name, p, gain, decision="explains less", number=1):

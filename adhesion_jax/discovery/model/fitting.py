@@ -23,8 +23,9 @@ from adhesion_jax.effects import Covariate, Effect
 from adhesion_jax.inference.sums import TUNING
 
 #: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
-#: of a curve alone, which takes a third of the time without slots.
-_SIZES = ((0, 48), (6, 72), (12, 144))
+#: of a curve alone, which takes a third of the time without slots. The last has room for what is
+#: put beside the effects of any model: constants, lines that are tested as one, a probe.
+_SIZES = ((0, 48), (6, 72), (12, 144), (18, 192))
 
 #: If the curvature along each parameter is scaled to one, the data do not determine a direction
 #: whose curvature is below this.
@@ -266,8 +267,9 @@ def size_of(base: str, effects: Sequence[Effect]) -> tuple[int, int]:
 
 
 def has_room(effects: Sequence[Effect], new: Effect) -> bool:
-    """Whether a program has room for one more effect, whatever the base curve."""
-    return any(_sizes(max(len(curve.free) for curve in BASES.values()), (*effects, new)))
+    """Whether a model may have one more effect, whatever the base curve."""
+    free = max(len(curve.free) for curve in BASES.values())
+    return any(size in _SIZES[:-1] for size in _sizes(free, (*effects, new)))
 
 
 def _sizes(free: int, effects: Sequence[Effect]) -> Iterator[tuple[int, int]]:
