@@ -40,6 +40,7 @@ class FoundEffect(NamedTuple):
     sentence: str  # what the effect does, in words
     acts_on: str = "level"  # part of the curve: its level, its slip scale ("slip"), its "fall"
     at_bound: tuple[str, ...] = ()  # parameters at an end of the range in which they are looked for
+    by_trees: bool = False  # whether p_adjusted is that of boosted trees that need its columns
 
 
 class Doubt(NamedTuple):
@@ -74,7 +75,7 @@ class Candidate(NamedTuple):
 
 
 class Dependence(NamedTuple):
-    """Partial dependence on one column: the factor on adhesion over its values."""
+    """Partial dependence on one column: the factor on adhesion over its values, or its labels."""
 
     effect: str
     column: str
@@ -83,6 +84,7 @@ class Dependence(NamedTuple):
     factor: np.ndarray  # [grid]: adhesion relative to that of the curve alone
     low: np.ndarray  # [grid]: 95 % band
     high: np.ndarray
+    labels: tuple[str, ...] = ()  # the names of the values, [grid], of a column of labels
 
 
 class Proposal(NamedTuple):

@@ -70,6 +70,11 @@ class Labels(ShapeTerm):
         ]
         return jnp.sum(jnp.stack(terms), axis=0)
 
+    def values(self) -> list[float]:
+        """The labels that the data have."""
+        labels = (float(getattr(self, f"label{j}")) for j in range(1, MOST + 1))
+        return [label for label in labels if label != NO_LABEL]
+
     @classmethod
     def at_places(cls) -> np.ndarray:
         return np.eye(MOST)

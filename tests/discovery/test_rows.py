@@ -98,6 +98,7 @@ def check_bounds(found):
                 value = effect.parameters[name].value
                 at = value in (described.lower, described.upper)
                 assert at == (name in effect.at_bound), name
+                assert at == np.isnan(effect.parameters[name].low), name
 
 
 @pytest.mark.slow

@@ -147,6 +147,7 @@ def test_a_column_that_trees_name_is_an_effect_where_signs_of_the_runs_do_not_te
     assert min(row.p_adjusted for row in first) > SIGNIFICANT
     (effect,) = (*found.effects, *found.unexplained)
     assert {"relative_humidity_pct"} == {*effect.covariates}
+    assert effect.by_trees
     assert effect.p_adjusted <= OPINION_SIGNIFICANT
     before, after = found.test.before.value, found.test.after.value
     assert before**2 - after**2 > 0.8 * (before**2 - made.test_noise**2)

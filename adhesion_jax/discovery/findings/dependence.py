@@ -15,6 +15,7 @@ from adhesion_jax.discovery.model.packing import pack
 from adhesion_jax.discovery.model.problem import Data, label_of
 from adhesion_jax.discovery.search.state import Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
+from adhesion_jax.effects import Labels
 from adhesion_jax.effects.dynamic import Dynamic
 
 #: Number of values of a column that are shown.
@@ -59,7 +60,9 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
         columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
             if column in flat:
-                found.append(_over(state, effect.name, column, parts, draws))
+                of_labels = (part for part in effect.parts if isinstance(part, Labels))
+                labels = next((part.values() for part in of_labels if part.column == column), ())
+                found.append(_over(state, effect.name, column, parts, draws, labels))
     return tuple(found)
 
 
@@ -75,14 +78,22 @@ def _draws(fitted: Fitted, seed: int) -> np.ndarray:
 
 
 def _over(
-    state: Selection, name: str, column: str, parts: Sequence[int], draws: np.ndarray
+    state: Selection,
+    name: str,
+    column: str,
+    parts: Sequence[int],
+    draws: np.ndarray,
+    labels: Sequence[float],
 ) -> Dependence:
-    """The dependence on a column, the others at their medians unless they are functions of it."""
+    """The dependence on a column, the others at their medians unless they are functions of it.
+
+    One with `labels` has no values between them.
+    """
     problem = state.setting.problem
     shape = problem.points.shape
-    size = min(_GRID, shape[0] * shape[1])
     values = problem.flat[column]
-    grid = np.linspace(values.min(), values.max(), size)
+    between = np.linspace(values.min(), values.max(), min(_GRID, shape[0] * shape[1]))
+    grid = np.array(labels) if labels else between
     order = np.argsort(values, kind="stable")
     moved = {column: np.resize(grid, shape)}
     for condition in _FUNCTIONS & {*problem.flat}:
@@ -90,9 +101,10 @@ def _over(
             by_grid = np.interp(grid, values[order], problem.flat[condition][order])
             moved[condition] = np.resize(by_grid, shape)
     factors = _factors(state, parts, draws, moved)
-    factors = factors.reshape(_DRAWS, -1)[:, :size]
+    factors = factors.reshape(_DRAWS, -1)[:, : grid.size]
     unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
-    return _banded(name, column, unit, grid, factors)
+    names = tuple(problem.name_of(column, label) for label in labels)
+    return _banded(name, column, unit, grid, factors)._replace(labels=names)
 
 
 def _after_step(

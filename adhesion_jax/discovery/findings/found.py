@@ -19,6 +19,7 @@ from adhesion_jax.discovery.model.fitting import (
 from adhesion_jax.discovery.model.noise import NoisySlip
 from adhesion_jax.discovery.model.packing import effect_places
 from adhesion_jax.discovery.model.prediction import held_out_loss
+from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
@@ -162,9 +163,10 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                 interval = told[rank, place][name]
                 if interval.high - interval.low > _UNTOLD * (described.upper - described.lower):
                     continue
-                parameters[prefix + name] = interval
                 if not described.lower < interval.value < described.upper:
                     at_bound.append(prefix + name)
+                    interval = Interval(interval.value, np.nan, np.nan)
+                parameters[prefix + name] = interval
                 column = effect.covariates[0] if effect.covariates else ""
                 unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
                 units[prefix + name] = described.unit.replace("column", unit)
@@ -179,9 +181,10 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                 units,
                 effect.p,
                 validation.after.value * float(np.sqrt(ratio)),
-                _sentence(effect),
+                _sentence(effect, state.setting.problem),
                 acts_on(effect),
                 tuple(at_bound),
+                effect.by_trees,
             )
         )
     return found
@@ -204,8 +207,11 @@ _BENT = {
 
 def acts_on(effect: Accepted) -> str:
     """The part of the curve on which the effect acts: that of its first part, or the level."""
-    first = effect.parts[0]
-    return first.acts_on if isinstance(first, ShapeTerm) else "level"
+    return _part_of_curve(effect.parts[0])
+
+
+def _part_of_curve(part: Effect) -> str:
+    return part.acts_on if isinstance(part, ShapeTerm) else "level"
 
 
 def _formula(part: Effect) -> str:
@@ -216,14 +222,17 @@ def _formula(part: Effect) -> str:
     )
 
 
-def _sentence(effect: Accepted) -> str:
+def _sentence(effect: Accepted, problem: Problem) -> str:
     """What the effect does, in words."""
     first = effect.parts[0]
-    if effect.generic or not isinstance(first, Cause):
-        return f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
-    more = " and ".join(kind_of(part) for part in effect.parts[1:])
-    refined = f" Its form is refined by {more}." if more else ""
-    return f"{first.FACTS.sentence}{refined}"
+    said = first.FACTS.sentence if isinstance(first, Cause) else ""
+    if effect.generic or not said:
+        said = f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
+    if isinstance(first, Labels):
+        names = [problem.name_of(first.column, label) for label in first.values()]
+        said += f" Its labels, from 1: {listed(names)}."
+    more = [f"{kind_of(part)} on the {_part_of_curve(part)}" for part in effect.parts[1:]]
+    return f"{said} Its form is refined by {listed(more)}." if more else said
 
 
 def slip_noise_found(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:

@@ -62,6 +62,10 @@ class Problem(NamedTuple):
     #: Functions of the columns, [runs, points], kept once they have been computed.
     terms: dict[tuple[object, ...], np.ndarray]
 
+    def name_of(self, column: str, label: float) -> str:
+        """A label as it is in the data: a word, or a number."""
+        return self.named[column][int(label)] if column in self.named else f"{label:g}"
+
     @property
     def runs(self) -> int:
         """The number of runs, without those that pad the arrays."""

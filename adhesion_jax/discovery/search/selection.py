@@ -99,7 +99,12 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     number = state.ranking[-1].round + 1 if state.ranking else 0
     p = max(opinion.p, least_p(problem.runs))
     found = _next(state, scores, rules.SIGNIFICANT, number, seed, p)
-    return pruned(refined(found, seed)) if _grown(found, state) else state
+    if not _grown(found, state):
+        return state
+    before = len(state.accepted)
+    new = [effect._replace(by_trees=True) for effect in found.accepted[before:]]
+    accepted = (*found.accepted[:before], *new)
+    return pruned(refined(found._replace(accepted=accepted), seed))
 
 
 def _nulls(state: Selection, entries: Sequence[Entry]) -> list[Null]:

@@ -23,6 +23,7 @@ class Accepted(NamedTuple):
     parts: tuple[Effect, ...]  # the effect, then what refines its form
     p: float
     gain: float  # of the log likelihood of runs left out, summed over all runs
+    by_trees: bool = False  # whether p is that of boosted trees, for whose columns it was found
 
 
 def as_effect(

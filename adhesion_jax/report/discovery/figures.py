@@ -110,13 +110,21 @@ def _dependences(findings: Findings) -> Figure | None:
     figure, axes = panels(len(findings.dependences), 2.2, "factor on adhesion (1)")
     for axis, dependence in zip(axes, findings.dependences, strict=True):
         _dependence(axis, dependence, findings)
-    one_legend(figure, axes[:1])
+    curves = [axis for axis, one in zip(axes, findings.dependences, strict=True) if not one.labels]
+    one_legend(figure, curves[:1])
     return figure
 
 
 def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
-    values = dependence.values
     axis.axhline(1.0, color="0.4", linewidth=0.8)
+    axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
+    if dependence.labels:
+        names, middle = [label_text(name, 12) for name in dependence.labels], dependence.factor
+        spread = np.maximum([middle - dependence.low, dependence.high - middle], 0.0)
+        axis.errorbar(names, middle, yerr=spread, linestyle="none", capsize=3, **MARKS["after"])
+        axis.set_xlabel(label_text(column_label(dependence.column)))
+        return
+    values = dependence.values
     axis.fill_between(
         values, dependence.low, dependence.high, color="0.82", linewidth=0, label="95 % band"
     )
@@ -134,7 +142,6 @@ def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
             clip_on=False,
             label="deciles of the points",
         )
-    axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
     axis.set_xlabel(label_text(column_label(dependence.column, dependence.unit)))
     axis.xaxis.set_major_locator(MaxNLocator(5))
 

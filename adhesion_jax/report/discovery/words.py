@@ -78,7 +78,9 @@ def in_brackets(interval: Interval, written: Callable[[float], str] = number) ->
 def evidence(findings: Findings, effect: FoundEffect) -> str:
     if not np.isfinite(effect.p_adjusted):
         return "stated, and not tested"
-    return f"adjusted {p_is(effect.p_adjusted, findings.least_p)}"
+    p = f"adjusted {p_is(effect.p_adjusted, findings.least_p)}"
+    of_trees = " of boosted trees that predict runs left out by its columns, for which it was found"
+    return p + of_trees * effect.by_trees
 
 
 def candidates(effect: FoundEffect) -> tuple[str, ...]:

@@ -1,0 +1,35 @@
+"""What is shown of an effect over its columns, and what its sentence says of its form."""
+
+import numpy as np
+from discovery_campaigns import campaign, curve, noise, state_of
+
+from adhesion_jax.discovery.findings.dependence import dependences
+from adhesion_jax.discovery.findings.errors_by_run import errors
+from adhesion_jax.discovery.findings.found import found_effects
+from adhesion_jax.discovery.search.state import Accepted
+from adhesion_jax.effects import Covariate, Labels
+
+
+def test_of_labels_only_the_labels_are_shown_and_by_their_names():
+    draw = np.random.default_rng(5)
+    table = campaign(draw)
+    level = table["place"].map({"a": 1.2, "b": 1.0, "c": 0.9, "d": 0.9}).to_numpy()
+    table["adhesion"] = level * curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
+    (labels,) = Labels.starts({"place": np.arange(4.0)})
+    load = Covariate(0.0, 9.0, 1.0, column="load", acts_on="offset")
+    parts = labels, load
+    name = "covariate:place"
+    state = state_of(
+        table, Accepted(name, (name,), "place", True, ("place",), parts, p=0.0005, gain=90.0)
+    )
+    (shown,) = dependences(state, seed=0)
+    assert shown.labels == ("a", "b", "c", "d")
+    ratios = shown.factor / shown.factor.mean()
+    np.testing.assert_allclose(ratios, np.array([1.2, 1.0, 0.9, 0.9]), atol=0.01)
+    assert ((shown.low < shown.factor) & (shown.factor < shown.high)).all()
+
+    (told,) = found_effects(state, errors(np.ones(9), np.ones(9), np.ones(9), 0))
+    assert told.sentence == (
+        "Structure against place; no physical cause is claimed. Its labels, from 1: a, b, c and d. "
+        "Its form is refined by covariate on the offset and constant on the offset."
+    )

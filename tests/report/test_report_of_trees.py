@@ -1,0 +1,44 @@
+"""What reports say of an effect whose form was found for columns that boosted trees need."""
+
+import numpy as np
+from discovery_examples import two_effects, unexplained
+
+from adhesion_jax.report.discovery.figures import _dependences
+from adhesion_jax.report.discovery.files import page
+from adhesion_jax.report.discovery.words import verdict
+from adhesion_jax.report.rendering import page_markdown
+
+OF_TREES = "of boosted trees that predict runs left out by its columns, for which it was found"
+BY_THEIR_P = "is accepted by the p of the trees"
+
+
+def test_the_p_of_trees_is_told_as_theirs_and_only_theirs():
+    findings = two_effects()
+    humidity, speed = findings.effects
+    assert OF_TREES not in verdict(findings)
+    assert BY_THEIR_P not in page_markdown(page(findings))
+    trees = findings._replace(effects=(humidity._replace(by_trees=True), speed))
+    assert f"humidity (adjusted p = 0.0011 {OF_TREES}; adhesion falls by" in verdict(trees)
+    assert "slip velocity (adjusted p = 0.0023; " in verdict(trees)
+    assert BY_THEIR_P in page_markdown(page(trees))
+
+
+def test_labels_are_drawn_as_points_with_their_names():
+    findings = unexplained()
+    (shown,) = findings.dependences
+    values, factor = np.arange(2.0), np.array([1.3, 0.8])
+    labels = shown._replace(
+        column="surface",
+        values=values,
+        factor=factor,
+        low=factor - 0.1,
+        high=factor + 0.1,
+        labels=("ice", "sand"),
+    )
+    figure = _dependences(findings._replace(dependences=(labels, shown)))
+    first, second = figure.axes
+    assert [text.get_text() for text in first.get_xticklabels()] == ["ice", "sand"]
+    (container,) = first.containers
+    np.testing.assert_array_equal(container.lines[0].get_ydata(), factor)
+    assert first.get_xlabel() == "surface"
+    assert len(second.lines) == 3  # 1, the curve, the deciles
