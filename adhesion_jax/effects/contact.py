@@ -53,10 +53,11 @@ class Hysteresis(Multiplier, Dynamic):
     rate: Scalar
     memory: Scalar
 
+    # A memory of some seconds keeps h far below one, so that k may exceed one.
     FACTS = Facts(
         source="Zhang et al. 2002; Trummer et al. 2017, Wear 378:1-9",
         described={
-            "k": ("1", -0.9, 0.9, "relative difference, rising less steady"),
+            "k": ("1", -3.0, 3.0, "relative difference, rising less steady"),
             "rate": ("1/s", 1e-05, 10.0, "slip rate of full effect"),
             "memory": ("s", 0.0, 5.0, "time it takes to turn"),
         },

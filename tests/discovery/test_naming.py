@@ -21,7 +21,7 @@ def accepted(name, *parts, members=()):
 SPEED = EFFECTS["speed"](k=0.5, reference=12.0)
 SAND = EFFECTS["sanding"](k=0.2, build_up=1.0, decay=5.0)
 WARMTH = EFFECTS["temperature"](k=0.001, reference=10.0)
-TURN = EFFECTS["hysteresis"](k=0.9, rate=0.8, memory=1.0)
+TURN = EFFECTS["hysteresis"](k=3.0, rate=0.8, memory=1.0)
 AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
 
 
@@ -45,11 +45,11 @@ AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
         (
             "hysteresis",
             TURN,
-            {"k": (0.9, 0.7, 1.1)},
+            {"k": (3.0, 2.7, 3.3)},
             10.0,
-            "its k stands at 0.9, an end of the range",
+            "its k stands at 3, an end of the range",
         ),
-        ("hysteresis", TURN, {"k": (0.9, 0.7, 1.1)}, 4.9, ""),
+        ("hysteresis", TURN, {"k": (3.0, 2.7, 3.3)}, 4.9, ""),
         # One axle that differs is enough.
         ("axle_position", AXLES, {"k1": (0.1, 0.05, 0.15)}, 0.0, ""),
         (

@@ -102,8 +102,8 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     if not _grown(found, state):
         return state
     before = len(state.accepted)
-    new = [effect._replace(by_trees=True) for effect in found.accepted[before:]]
-    accepted = (*found.accepted[:before], *new)
+    named = (effect._replace(by_trees=True) for effect in found.accepted[before:])
+    accepted = (*found.accepted[:before], *named)
     return pruned(refined(found._replace(accepted=accepted), seed))
 
 
