@@ -1,4 +1,4 @@
-"""What reports say of an effect whose form was found for columns that boosted trees need."""
+"""What reports say of effects of columns that boosted trees need, and how labels are drawn."""
 
 import numpy as np
 from discovery_examples import two_effects, unexplained
@@ -35,10 +35,15 @@ def test_labels_are_drawn_as_points_with_their_names():
         high=factor + 0.1,
         labels=("ice", "sand"),
     )
-    figure = _dependences(findings._replace(dependences=(labels, shown)))
+    # A band without bounds, as where the curve alone is near 0, hides no curve.
+    wide = shown._replace(low=shown.factor - 1e6, high=shown.factor + 1e6)
+    figure = _dependences(findings._replace(dependences=(labels, wide)))
     first, second = figure.axes
     assert [text.get_text() for text in first.get_xticklabels()] == ["ice", "sand"]
     (container,) = first.containers
     np.testing.assert_array_equal(container.lines[0].get_ydata(), factor)
     assert first.get_xlabel() == "surface"
     assert len(second.lines) == 3  # 1, the curve, the deciles
+    for low, high in (first.get_ylim(), second.get_ylim()):
+        assert -0.5 < low < 0.7
+        assert 1.4 < high < 2.5

@@ -110,6 +110,11 @@ def _dependences(findings: Findings) -> Figure | None:
     figure, axes = panels(len(findings.dependences), 2.2, "factor on adhesion (1)")
     for axis, dependence in zip(axes, findings.dependences, strict=True):
         _dependence(axis, dependence, findings)
+    # The panels have one axis, on which a band that the data hardly bound would hide every curve.
+    whole = np.concatenate([[1.0], *(one.factor for one in findings.dependences)])
+    ends = np.array([whole.min(), whole.max()]) + np.ptp(whole) * np.array([-1.0, 1.0])
+    if np.ptp(whole) > 0:
+        axes[0].set_ylim(np.clip(ends, *axes[0].get_ylim()))
     curves = [axis for axis, one in zip(axes, findings.dependences, strict=True) if not one.labels]
     one_legend(figure, curves[:1])
     return figure
