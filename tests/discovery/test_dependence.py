@@ -1,5 +1,7 @@
 """What is shown of an effect over its columns, and what its sentence says of its form."""
 
+import dataclasses
+
 import numpy as np
 from discovery_campaigns import campaign, curve, noise, state_of
 
@@ -17,7 +19,7 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     table["adhesion"] = level * curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
     (labels,) = Labels.starts({"place": np.arange(4.0)})
     load = Covariate(0.0, 9.0, 1.0, column="load", acts_on="offset")
-    parts = labels, load
+    parts = labels, load, dataclasses.replace(load, acts_on="slip")
     name = "covariate:place"
     state = state_of(
         table, Accepted(name, (name,), "place", True, ("place",), parts, p=0.0005, gain=90.0)
@@ -31,5 +33,9 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     (told,) = found_effects(state, errors(np.ones(9), np.ones(9), np.ones(9), 0))
     assert told.sentence == (
         "Structure against place; no physical cause is claimed. Its labels, from 1: a, b, c and d. "
-        "Its form is refined by covariate on the offset and constant on the offset."
+        "Its form is refined by covariate on the offset, covariate on the slip and constant on the "
+        "offset."
     )
+    # Neither hides the parameters of the other.
+    refined = {"covariate on the offset k", "covariate on the slip k", "constant on the offset k"}
+    assert {"k1", "k2", "k3", "k4", *refined} == {*told.parameters} == {*told.units}

@@ -156,7 +156,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
         ratio = float(held_out_loss(some).sum()) / max(whole, 1e-300)
         parameters, units, at_bound = {}, {}, []
         for place, part in enumerate(effect.parts):
-            prefix = "" if place == 0 else f"{kind_of(part)} "
+            prefix = "" if place == 0 else f"{_called(part)} "
             for name, described in part.FACTS.parameters.items():
                 if name in part.FACTS.references or _no_label(part, name):
                     continue
@@ -207,11 +207,17 @@ _BENT = {
 
 def acts_on(effect: Accepted) -> str:
     """The part of the curve on which the effect acts: that of its first part, or the level."""
-    return _part_of_curve(effect.parts[0])
+    return _acts_on(effect.parts[0])
 
 
-def _part_of_curve(part: Effect) -> str:
+def _acts_on(part: Effect) -> str:
     return part.acts_on if isinstance(part, ShapeTerm) else "level"
+
+
+def _called(part: Effect) -> str:
+    """What a part that refines an effect is called; there may be one of its kind on each place."""
+    place = _acts_on(part)
+    return kind_of(part) if place == "level" else f"{kind_of(part)} on the {place}"
 
 
 def _formula(part: Effect) -> str:
@@ -231,7 +237,7 @@ def _sentence(effect: Accepted, problem: Problem) -> str:
     if isinstance(first, Labels):
         names = [problem.name_of(first.column, label) for label in first.values()]
         said += f" Its labels, from 1: {listed(names)}."
-    more = [f"{kind_of(part)} on the {_part_of_curve(part)}" for part in effect.parts[1:]]
+    more = [_called(part) for part in effect.parts[1:]]
     return f"{said} Its form is refined by {listed(more)}." if more else said
 
 
