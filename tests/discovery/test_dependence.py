@@ -9,7 +9,7 @@ from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.search.state import Accepted
-from adhesion_jax.effects import Covariate, Labels
+from adhesion_jax.effects import EFFECTS, Covariate, Labels
 
 
 def test_of_labels_only_the_labels_are_shown_and_by_their_names():
@@ -39,3 +39,17 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     # Neither hides the parameters of the other.
     refined = {"covariate on the offset k", "covariate on the slip k", "constant on the offset k"}
     assert {"k1", "k2", "k3", "k4", *refined} == {*told.parameters} == {*told.units}
+
+
+def test_a_drift_is_shown_over_the_time_that_the_campaign_has():
+    draw = np.random.default_rng(6)
+    table = campaign(draw)
+    time = table["time_s"].to_numpy()
+    level = 1 + 0.3 * np.tanh(4 * (time / time.max() - 0.4))
+    table["adhesion"] = level * curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
+    part = EFFECTS["drift"](k=0.2, centre=0.5, width=0.3, reference=0.5)
+    effect = Accepted("drift", ("drift",), "time", False, ("time_s",), (part,), 0.0005, 90.0)
+    (shown,) = dependences(state_of(table, effect), seed=0)
+    assert shown.column == "time_s"
+    true = 1 + 0.3 * np.tanh(4 * (shown.values / time.max() - 0.4))
+    np.testing.assert_allclose(shown.factor / shown.factor.mean(), true / true.mean(), atol=0.01)

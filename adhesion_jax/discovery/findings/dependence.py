@@ -34,7 +34,7 @@ _LARGEST = 1e6
 _DRAWS = 64
 
 #: Conditions that are functions of a measured column of another name.
-_FUNCTIONS = {"temperature_C", "lateral_measure"}
+_FUNCTIONS = {"temperature_C", "lateral_measure", "campaign_time"}
 
 
 def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
@@ -97,7 +97,9 @@ def _over(
     order = np.argsort(values, kind="stable")
     moved = {column: np.resize(grid, shape)}
     for condition in _FUNCTIONS & {*problem.flat}:
-        if label_of(condition, problem.measured) == column:
+        # Where time starts anew in each run, that of the campaign is no function of it.
+        anew = condition == "campaign_time" and column == "time_s" != problem.calendar.column
+        if label_of(condition, problem.measured) == column and not anew:
             by_grid = np.interp(grid, values[order], problem.flat[condition][order])
             moved[condition] = np.resize(by_grid, shape)
     factors = _factors(state, parts, draws, moved)
