@@ -9,7 +9,7 @@ from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.search.state import Accepted
-from adhesion_jax.effects import EFFECTS, Covariate, Labels
+from adhesion_jax.effects import EFFECTS, Covariate, Labels, Memory
 
 
 def test_of_labels_only_the_labels_are_shown_and_by_their_names():
@@ -53,3 +53,19 @@ def test_a_drift_is_shown_over_the_time_that_the_campaign_has():
     assert shown.column == "time_s"
     true = 1 + 0.3 * np.tanh(4 * (shown.values / time.max() - 0.4))
     np.testing.assert_allclose(shown.factor / shown.factor.mean(), true / true.mean(), atol=0.01)
+
+
+def test_an_effect_with_a_memory_is_shown_once_it_has_settled():
+    draw = np.random.default_rng(7)
+    table = campaign(draw)
+    table["adhesion"] = curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
+    (part,) = Memory.starts({"gust": table["gust"].to_numpy()})[:1]
+    name = "covariate:gust"
+    effect = Accepted(name, (name,), "gust", True, ("gust",), (part,), 0.0005, 90.0)
+    state = state_of(table, effect)
+    (shown,) = dependences(state, seed=0)
+    (fitted,) = state.accepted[0].parts
+    # Of a constant column the filtered one is the column itself.
+    steady = fitted.k * (shown.values - fitted.reference) / fitted.scale
+    np.testing.assert_allclose(np.log(shown.factor), steady, atol=1e-4)
+    assert np.ptp(shown.values) == np.ptp(table["gust"])

@@ -13,9 +13,9 @@ from adhesion_jax.discovery.model.fitting import (
 )
 from adhesion_jax.discovery.model.packing import pack
 from adhesion_jax.discovery.model.problem import Data, label_of
-from adhesion_jax.discovery.search.state import Selection, slots_of
+from adhesion_jax.discovery.search.state import Accepted, Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
-from adhesion_jax.effects import Labels
+from adhesion_jax.effects import Labels, Memory
 from adhesion_jax.effects.dynamic import Dynamic
 
 #: Number of values of a column that are shown.
@@ -60,9 +60,7 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
         columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
             if column in flat:
-                of_labels = (part for part in effect.parts if isinstance(part, Labels))
-                labels = next((part.values() for part in of_labels if part.column == column), ())
-                found.append(_over(state, effect.name, column, parts, draws, labels))
+                found.append(_over(state, effect, column, parts, draws))
     return tuple(found)
 
 
@@ -78,35 +76,38 @@ def _draws(fitted: Fitted, seed: int) -> np.ndarray:
 
 
 def _over(
-    state: Selection,
-    name: str,
-    column: str,
-    parts: Sequence[int],
-    draws: np.ndarray,
-    labels: Sequence[float],
+    state: Selection, effect: Accepted, column: str, parts: Sequence[int], draws: np.ndarray
 ) -> Dependence:
     """The dependence on a column, the others at their medians unless they are functions of it.
 
-    One with `labels` has no values between them.
+    One of labels has no values between them, and one with a memory has each value for a whole run.
     """
     problem = state.setting.problem
     shape = problem.points.shape
     values = problem.flat[column]
-    between = np.linspace(values.min(), values.max(), min(_GRID, shape[0] * shape[1]))
-    grid = np.array(labels) if labels else between
+    of_labels = (part for part in effect.parts if isinstance(part, Labels))
+    labels = next((part.values() for part in of_labels if part.column == column), [])
+    steady = not labels and any(isinstance(part, Memory) for part in effect.parts)
+    count = shape[0] if steady else min(_GRID, shape[0] * shape[1])
+    grid = np.array(labels) if labels else np.linspace(values.min(), values.max(), count)
     order = np.argsort(values, kind="stable")
-    moved = {column: np.resize(grid, shape)}
+
+    def laid(values: np.ndarray) -> np.ndarray:
+        """The values of the grid in the places of the points, [runs, points]."""
+        return np.resize(values, shape[::-1]).T if steady else np.resize(values, shape)
+
+    moved = {column: laid(grid)}
     for condition in _FUNCTIONS & {*problem.flat}:
         # Where time starts anew in each run, that of the campaign is no function of it.
         anew = condition == "campaign_time" and column == "time_s" != problem.calendar.column
         if label_of(condition, problem.measured) == column and not anew:
             by_grid = np.interp(grid, values[order], problem.flat[condition][order])
-            moved[condition] = np.resize(by_grid, shape)
+            moved[condition] = laid(by_grid)
     factors = _factors(state, parts, draws, moved)
-    factors = factors.reshape(_DRAWS, -1)[:, : grid.size]
+    factors = (factors[:, :, 0] if steady else factors.reshape(_DRAWS, -1))[:, : grid.size]
     unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
     names = tuple(problem.name_of(column, label) for label in labels)
-    return _banded(name, column, unit, grid, factors)._replace(labels=names)
+    return _banded(effect.name, column, unit, grid, factors)._replace(labels=names)
 
 
 def _after_step(
