@@ -204,8 +204,8 @@ ERROR_ALONE = (
 
 BY_CHANCE = (
     "Each p is adjusted for everything that was looked at, and an effect is reported only if it "
-    "is at most 0.01: at most about 1 in 100 of the effects reported is there by chance, and "
-    "0.0005 is the smallest p that 1,999 patterns of signs of the runs can show."
+    "is at most 0.01: where nothing is missing about 1 search in 100 reports one, and 0.0005 is "
+    "the smallest p that 1,999 patterns of signs of the runs can show."
 )
 
 
