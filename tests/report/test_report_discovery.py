@@ -204,8 +204,9 @@ ERROR_ALONE = (
 
 BY_CHANCE = (
     "Each p is adjusted for everything that was looked at, and an effect is reported only if it "
-    "is at most 0.01: where nothing is missing about 1 search in 100 reports one, and 0.0005 is "
-    "the smallest p that 1,999 patterns of signs of the runs can show."
+    "is at most 0.01: where nothing is missing about 1 search in 100 reports one, and of 248 effects "
+    "reported on simulated campaigns that hide a cause 8 were false; 0.0005 is the smallest p that "
+    "1,999 patterns of signs of the runs can show."
 )
 
 
