@@ -204,9 +204,9 @@ ERROR_ALONE = (
 
 BY_CHANCE = (
     "Each p is adjusted for everything that was looked at, and an effect is reported only if it "
-    "is at most 0.01: where nothing is missing about 1 search in 100 reports one, and of 248 effects "
-    "reported on simulated campaigns that hide a cause 8 were false; 0.0005 is the smallest p that "
-    "1,999 patterns of signs of the runs can show."
+    "is at most 0.01: where nothing is missing about 1 search in 100 reports one, and of 248 "
+    "effects reported on simulated campaigns that hide a cause 8 were false; 0.0005 is the "
+    "smallest p that 1,999 patterns of signs of the runs can show."
 )
 
 
@@ -230,7 +230,7 @@ def test_a_p_at_the_least_that_signs_can_show_is_told_as_such():
     assert [row[1] for row in effects_table(least).rows if row[1]] == ["<= 0.0005", "0.0023"]
     # Of eight runs there are 127 patterns of signs but their own.
     eight = least._replace(least_p=least_p(8))
-    assert "and 0.0078 is the smallest p that 127 patterns of signs" in verdict(eight)
+    assert "; 0.0078 is the smallest p that 127 patterns of signs" in verdict(eight)
     assert "humidity (adjusted p = 0.0005;" in verdict(eight)
 
 
