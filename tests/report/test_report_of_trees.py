@@ -1,6 +1,9 @@
 """What reports say of effects of columns that boosted trees need, and how labels are drawn."""
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 from discovery_examples import two_effects, unexplained
 
 from adhesion_jax.report.discovery.figures import _dependences
@@ -47,3 +50,15 @@ def test_labels_are_drawn_as_points_with_their_names():
     for low, high in (first.get_ylim(), second.get_ylim()):
         assert -0.5 < low < 0.7
         assert 1.4 < high < 2.5
+
+
+def test_the_verdict_says_how_many_effects_were_false_in_the_study_that_is_kept():
+    sets = pd.read_csv(Path(__file__).parents[2] / "results" / "strangers_sets.csv")
+    caused = sets[sets["causes"] > 0]
+    effects = caused["reported"].dropna().str.split("|").explode()
+    # Of each of these sets one name is false; noise of the slip is there, and no effect.
+    false, reported = caused["wrong beside"].sum(), (effects != "slip_noise").sum()
+    assert (
+        f"of {reported} effects reported on simulated campaigns that hide a cause {false} were "
+        "false" in verdict(two_effects())
+    )

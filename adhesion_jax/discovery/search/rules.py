@@ -96,7 +96,7 @@ COLUMN_SHARE_OF_GAIN = 0.15
 
 #: A physical cause is named in place of a plain column only if its gain exceeds this share of the
 #: column's, though the difference may be within its error. By hand.
-SAME_CAUSE_SHARE = 0.5
+CAUSE_SHARE_OF_GAIN = 0.5
 
 #: A cause with a strength at an end of its range is contradicted if beyond that end it would gain
 #: more than this share of its gain. By hand.

@@ -55,7 +55,7 @@ def search(
     for number in range(rules.MOST_ROUNDS):
         share = 0.6 * number / rules.MOST_ROUNDS
         progress(f"looking for effect {number + 1}", 0.1 + share)
-        nulls = _nulls(state, entries)
+        nulls = _nulls(state, beside(state, entries))
         scores = screen(_parts(state, nulls, _open(entries, state)), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
@@ -94,8 +94,7 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     known = {form_of(part) for part in parts_of(state.accepted)}
     new = {form_of(entry.starts[0]): entry for entry in forms}
     tested = [entry for form, entry in new.items() if form not in known]
-    within = (False,) if problem.blocks else (False, True)
-    scores = screen([(null_of(state.fitted, within=one), tested) for one in within], seed)
+    scores = screen([(null, tested) for null in _nulls(state, ())], seed)
     number = state.ranking[-1].round + 1 if state.ranking else 0
     p = max(opinion.p, least_p(problem.runs))
     found = _next(state, scores, rules.SIGNIFICANT, number, seed, p)
@@ -107,9 +106,9 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     return pruned(refined(found._replace(accepted=accepted), seed))
 
 
-def _nulls(state: Selection, entries: Sequence[Entry]) -> list[Null]:
-    """What is given in a test by signs of the runs, and in one of what acts within them."""
-    given, whole = beside(state, entries), not state.setting.problem.blocks
+def _nulls(state: Selection, given: Sequence[Effect]) -> list[Null]:
+    """The model and what is given, in a test by signs of the runs and in one within them."""
+    whole = not state.setting.problem.blocks
     return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + whole]]
 
 

@@ -82,7 +82,7 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     if not causes:
         return column
     cause = min(causes, key=lambda trial: trial.loss)
-    much = rules.SAME_CAUSE_SHARE * (now.loss - column.loss)
+    much = rules.CAUSE_SHARE_OF_GAIN * (now.loss - column.loss)
     fits = now.loss - cause.loss > much and not clearly_ahead(cause, column, now)
     return cause if fits else column
 
