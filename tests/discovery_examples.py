@@ -90,7 +90,7 @@ def points() -> pd.DataFrame:
             "relative_humidity_pct": humidity,
             "temperature_C": draw.uniform(-5, 30, RUNS)[run],
             "wind_mps": draw.uniform(0, 9, run.size),
-            "axle": np.where(run % 2, "second", "leading"),
+            "axle": run % 2.0,
             "constant": 1.0,
         }
     )
@@ -175,6 +175,7 @@ def null() -> Findings:
         predictions=None,
         seconds=1.43,
         least_p=0.0005,
+        named={"axle": ("leading", "second")},
     )
 
 

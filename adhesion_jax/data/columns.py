@@ -236,7 +236,8 @@ def guess(name: str, row_of_units: str = "") -> Guess:
     unit = row_of_units or unit
     word, number = plain(stem), -1
     indexed = _INDEXED.fullmatch(stem)
-    if indexed and word not in _WORDS:
+    # A numbered x is any variable: there is one position.
+    if indexed and word not in _WORDS and plain(indexed[1]) != "x":
         word, number = plain(indexed[1]), int(indexed[2])
     label = next((label for label, words in LABEL_SYNONYMS.items() if word in words), "")
     if label and not unit and number < 0:

@@ -134,8 +134,10 @@ class Findings(NamedTuple):
     opinion: Opinion | None = None
     #: One row a run: run, before, after (its mean relative residual, without and with the effects),
     #: error (standard error of either, from the noise within the run), mean of every column. None
-    #: for blocks of one run.
+    #: for blocks of one run. A column of labels is there if none changes within a run.
     levels: pd.DataFrame | None = None
+    #: The labels of the columns that have some, in the order of their codes in points and levels.
+    named: Mapping[str, tuple[str, ...]] = {}
     #: The warnings that the verdict repeats: that the law is not the one that is saved, and what
     #: much of the test data has that the training data hardly cover.
     foremost: tuple[str, ...] = ()

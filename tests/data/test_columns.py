@@ -519,6 +519,13 @@ def test_names_of_loggers_and_rigs_are_known_with_their_index(name, quantity, in
         assert found.question
 
 
+def test_a_numbered_x_is_no_position():
+    assert guess("x").quantities == ("position_m",)
+    for name in ("x1", "x01", "X_12"):
+        found = guess(name)
+        assert (found.quantity, found.question, found.number) == ("", "", -1)
+
+
 def test_several_columns_of_one_quantity_are_a_question_with_its_answers():
     table = (
         good()

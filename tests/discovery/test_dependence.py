@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 from discovery_campaigns import campaign, curve, noise, state_of
 
 from adhesion_jax.discovery.findings.dependence import dependences
@@ -41,16 +42,23 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     assert {"k1", "k2", "k3", "k4", *refined} == {*told.parameters} == {*told.units}
 
 
-def test_a_drift_is_shown_over_the_time_that_the_campaign_has():
+@pytest.mark.parametrize("time_s", ["goes on", "starts anew", "is not there"])
+def test_a_drift_is_shown_over_the_time_that_the_campaign_has(time_s):
     draw = np.random.default_rng(6)
     table = campaign(draw)
-    time = table["time_s"].to_numpy()
+    column = "time_s" if time_s == "goes on" else "run_order"
+    time = table["time_s" if time_s == "goes on" else "run"].to_numpy()
     level = 1 + 0.3 * np.tanh(4 * (time / time.max() - 0.4))
     table["adhesion"] = level * curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
     part = EFFECTS["drift"](k=0.2, centre=0.5, width=0.3, reference=0.5)
-    effect = Accepted("drift", ("drift",), "time", False, ("time_s",), (part,), 0.0005, 90.0)
+    if time_s == "starts anew":
+        table["time_s"] -= 300.0 * table["run"]
+    elif time_s == "is not there":
+        table = table.drop(columns="time_s")
+    rests_on = ("run",) if time_s == "is not there" else ("time_s",)
+    effect = Accepted("drift", ("drift",), "time", False, rests_on, (part,), 0.0005, 90.0)
     (shown,) = dependences(state_of(table, effect), seed=0)
-    assert shown.column == "time_s"
+    assert (shown.column, shown.values.min(), shown.values.max()) == (column, 0.0, time.max())
     true = 1 + 0.3 * np.tanh(4 * (shown.values / time.max() - 0.4))
     np.testing.assert_allclose(shown.factor / shown.factor.mean(), true / true.mean(), atol=0.01)
 

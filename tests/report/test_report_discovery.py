@@ -546,8 +546,10 @@ def test_levels_are_drawn_against_what_differs_between_runs():
         "normal_load_N",
         "temperature_C",
         "wind_mps",
+        "axle",
     ]
     figure = level_panels(findings)
+    assert [tick.get_text() for tick in figure.axes[6].get_xticklabels()] == ["leading", "second"]
     assert [axis.get_xlabel() for axis in figure.axes[:2]] == [
         "relative humidity (%)",
         "vehicle speed (m/s)",

@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 from discovery_examples import two_effects, unexplained
 
-from adhesion_jax.report.discovery.figures import _dependences
+from adhesion_jax.discovery.types import Candidate
+from adhesion_jax.report.discovery.figures import _dependences, _ranking
 from adhesion_jax.report.discovery.files import page
+from adhesion_jax.report.discovery.residuals import residual_panels
 from adhesion_jax.report.discovery.words import verdict
 from adhesion_jax.report.rendering import page_markdown
 
@@ -50,6 +52,30 @@ def test_labels_are_drawn_as_points_with_their_names():
     for low, high in (first.get_ylim(), second.get_ylim()):
         assert -0.5 < low < 0.7
         assert 1.4 < high < 2.5
+
+
+def test_a_round_of_columns_that_trees_need_has_no_threshold_and_says_so():
+    of_trees = Candidate(1, "covariate:wind_mps", 2.2, 0.002, 9.0, 2.0, "accepted")
+    findings = two_effects()._replace(thresholds=(4.21,))
+    first, second = _ranking(
+        findings._replace(ranking=(*[row for row in findings.ranking if row.round == 0], of_trees))
+    ).axes
+    assert first.get_title(loc="left") == "round 1"
+    assert second.get_title(loc="left") == (
+        "round 2, of columns that boosted trees need: accepted by the p of the trees"
+    )
+    dashed = [[line for line in axis.lines if len(line.get_xdata())] for axis in (first, second)]
+    assert [line.get_xdata()[0] for line in dashed[0]] == [4.21]
+    assert dashed[1] == []
+
+
+def test_residuals_against_labels_are_drawn_over_their_names():
+    panels = {axis.get_xlabel(): axis for axis in residual_panels(two_effects()).axes}
+    names = [text.get_text() for text in panels["axle"].get_xticklabels()]
+    assert names == ["leading", "second"]
+    assert panels["axle"].get_xlim() == (-0.5, 1.5)
+    numbers = panels["relative humidity (%)"].get_xticks()
+    assert (np.diff(numbers) > 5).all()
 
 
 def test_the_verdict_says_how_many_effects_were_false_in_the_study_that_is_kept():

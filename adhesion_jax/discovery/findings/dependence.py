@@ -34,7 +34,10 @@ _LARGEST = 1e6
 _DRAWS = 64
 
 #: Conditions that are functions of a measured column of another name.
-_FUNCTIONS = {"temperature_C", "lateral_measure", "campaign_time"}
+_FUNCTIONS = {"temperature_C", "lateral_measure"}
+
+#: What an effect without a memory has of these is the time of the campaign.
+_TIMES = ("time_s", "run")
 
 
 def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
@@ -57,7 +60,9 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
                 driver = in_time[0].FACTS.driven_by
                 found.append(_after_step(state, effect.name, driver, parts, draws))
             continue
-        columns = [name for name in effect.covariates if name in flat and name != "slip_ratio"]
+        calendar = state.setting.problem.calendar.column
+        rests_on = [calendar if name in _TIMES else name for name in effect.covariates]
+        columns = [name for name in rests_on if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
             if column in flat:
                 found.append(_over(state, effect, column, parts, draws))
@@ -97,10 +102,10 @@ def _over(
         return np.resize(values, shape[::-1]).T if steady else np.resize(values, shape)
 
     moved = {column: laid(grid)}
-    for condition in _FUNCTIONS & {*problem.flat}:
-        # Where time starts anew in each run, that of the campaign is no function of it.
-        anew = condition == "campaign_time" and column == "time_s" != problem.calendar.column
-        if label_of(condition, problem.measured) == column and not anew:
+    stands_for = {name: label_of(name, problem.measured) for name in _FUNCTIONS}
+    stands_for["campaign_time"] = problem.calendar.column
+    for condition in stands_for.keys() & problem.flat.keys():
+        if stands_for[condition] == column:
             by_grid = np.interp(grid, values[order], problem.flat[condition][order])
             moved[condition] = laid(by_grid)
     factors = _factors(state, parts, draws, moved)

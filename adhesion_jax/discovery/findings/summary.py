@@ -115,6 +115,7 @@ def summarise(
         doubts=undecided(searched),
         opinion=opinion,
         levels=None if runs.blocks else _levels(runs, before, after, noise),
+        named=runs.named,
         foremost=(*refuted, *(words for share, words in outside if share > rules.MUCH_OUTSIDE)),
         least_p=least_p(problem.runs),
         with_trees=with_trees,
@@ -232,10 +233,11 @@ def _levels(runs: RunSet, before: np.ndarray, after: np.ndarray, noise: RunNoise
     ]
     r = float(noise.autocorrelation)
     spread = float(noise.sigma) * np.sqrt((1 + r) / (1 - r))
-    columns = {
-        name: np.add.reduceat(values, runs.starts) / runs.lengths
-        for name, values in runs.whole.conditions.items()
-    }
+    columns = {}
+    for name, values in runs.whole.conditions.items():
+        mean = np.add.reduceat(values, runs.starts) / runs.lengths
+        if name not in runs.named or np.array_equal(np.repeat(mean, runs.lengths), values):
+            columns[name] = mean
     return pd.DataFrame(
         {
             "run": runs.names,

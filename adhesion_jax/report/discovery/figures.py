@@ -198,8 +198,14 @@ def _ranking(findings: Findings) -> Figure | None:
         _round(axis, rows, findings.thresholds)
         axis.set_xlim(0.0, end)
     axes[-1].set_xlabel("z of the score test (1)")
-    if any(axis.get_legend_handles_labels()[0] for axis in axes):
-        axes[0].legend(loc="lower right", fontsize=8, frameon=False)
+    with_lines = [axis for axis in axes if axis.get_legend_handles_labels()[0]]
+    if with_lines:
+        figure.legend(
+            *with_lines[0].get_legend_handles_labels(),
+            loc="outside lower center",
+            fontsize=8,
+            frameon=False,
+        )
     return figure
 
 
@@ -223,13 +229,17 @@ def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> 
     words = [label_text(decision(row.decision), _WORDS) for row in rows]
     behind = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
     axis.bar_label(bars, words, padding=5, fontsize=8, bbox=behind)
-    threshold = dict(enumerate(thresholds)).get(rows[0].round, np.nan)
+    number = rows[0].round
+    threshold = dict(enumerate(thresholds)).get(number, np.nan)
     if np.isfinite(threshold):
         dashed = (0, (4, 2))
         axis.axvline(threshold, color="0.25", linestyle=dashed, linewidth=1, zorder=1.5)
         axis.plot([], [], color="0.25", linestyle=dashed, linewidth=1, label="significant beyond")
     axis.set_ylim(len(rows) - 0.4, -0.6)
-    axis.set_title(f"round {rows[0].round + 1}", fontsize=9, loc="left")
+    # Forms for the columns that boosted trees need are sought last, in a round without a threshold.
+    of_trees = ", of columns that boosted trees need: accepted by the p of the trees"
+    title = f"round {number + 1}{of_trees * (number >= len(thresholds))}"
+    axis.set_title(title, fontsize=9, loc="left")
     light_frame(axis)
 
 

@@ -1,5 +1,7 @@
 """The residual of a law, and the levels of the runs, before and after, against every column."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -47,7 +49,7 @@ def residual_panels(findings: Findings) -> Figure | None:
     left = {when: sign * (points["adhesion"] - points[when]) for when in ("before", "after")}
     reach = _REACH * float(np.sqrt(np.mean(left["before"] ** 2)))
     for axis, name in zip(axes, names, strict=True):
-        place, ticks = _places(points[name])
+        place = points[name].astype(float)
         axis.axhline(0.0, color="0.4", linewidth=0.8)
         drawn = thinned(pd.DataFrame({"place": place, "left": left["before"]}))
         axis.plot(
@@ -64,15 +66,12 @@ def residual_panels(findings: Findings) -> Figure | None:
             means = _binned(place, left[when], points["run"])
             reach = max(reach, _draw(axis, means, when))
         axis.set_xlabel(_label(findings, name))
-        if ticks is not None:
-            axis.set_xticks(np.arange(len(ticks)), [label_text(tick, 10) for tick in ticks])
-            axis.set_xlim(-0.5, len(ticks) - 0.5)
-        elif name == "slip":
+        if name == "slip":
             low, high = min(0.0, 1.04 * place.min()), max(0.0, 1.04 * place.max())
             slip_axis(axis, low, high, gap=0.13)
             axis.set_xlim(low, high)
         else:
-            axis.xaxis.set_major_locator(MaxNLocator(4))
+            _ticks(axis, findings.named.get(name, ()))
     # An empty line, for the points are too small for a legend.
     axes[0].plot([], [], ".", color=POINT, markersize=6, label="points before")
     axes[0].set_ylim(-reach, reach)  # the panels share it
@@ -84,12 +83,13 @@ def _label(findings: Findings, name: str) -> str:
     return label_text(column_label(findings.slip if name == "slip" else name), 40)
 
 
-def _places(column: pd.Series) -> tuple[pd.Series, list[str] | None]:
-    """The places of the points on the axis; labels such as those of axles are placed in order."""
-    if pd.api.types.is_numeric_dtype(column):
-        return column.astype(float), None
-    codes, labels = pd.factorize(column.astype(str), sort=True)
-    return pd.Series(codes, index=column.index).astype(float), [str(label) for label in labels]
+def _ticks(axis: Axes, labels: Sequence[str]) -> None:
+    """Few numbers, or the labels at the places 0, 1 ... of a column that has some."""
+    if not labels:
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+        return
+    axis.set_xticks(np.arange(len(labels)), [label_text(label, 10) for label in labels])
+    axis.set_xlim(-0.5, len(labels) - 0.5)
 
 
 def _binned(place: pd.Series, left: pd.Series, run: pd.Series) -> pd.DataFrame:
@@ -154,6 +154,6 @@ def level_panels(findings: Findings) -> Figure | None:
                 **MARKS[when],
             )
         axis.set_xlabel(_label(findings, name))
-        axis.xaxis.set_major_locator(MaxNLocator(4))
+        _ticks(axis, findings.named.get(name, ()))
     one_legend(figure, axes[:1])
     return figure
