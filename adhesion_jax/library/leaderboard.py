@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from adhesion_jax import runtime
 from adhesion_jax.campaign.cluster import pool_of
-from adhesion_jax.campaign.store import read_all, write_rows
+from adhesion_jax.campaign.store import Arrays, read_all, write_rows
 from adhesion_jax.campaign.traction import WHOLE
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
@@ -30,6 +30,7 @@ from adhesion_jax.leaderboard.terms import (
     STEP,
     Field,
     Grid,
+    Versions,
     timing_of,
     versions_of,
 )
@@ -44,6 +45,7 @@ from adhesion_jax.report.rendering import write_page
 from adhesion_jax.runtime import as_in_commands
 from adhesion_jax.traction.entrants import ENTRANTS, Entrant, box, sought
 from adhesion_jax.traction.families import FAMILIES, Family
+from adhesion_jax.traction.loop import Terms
 from adhesion_jax.traction.plants.reading import PlantFile, read_plant, shipped
 from adhesion_jax.traction.seekers.given import TrueOptimum
 from adhesion_jax.traction.sensors import Sensors
@@ -192,54 +194,24 @@ def traction_leaderboard(
     """
     began = time.perf_counter()
     check_numbers(runs, workers, seed, seeds=SEEDS)
-    if not 1 <= budget <= 2**16:
-        raise InputError(
-            f"a budget of {budget} configurations is not possible; give 1 to {2**16}, such as 64."
-        )
-    if seed <= tuning_seed < seed + SEEDS:
-        raise InputError(
-            f"methods would be judged on the rails that they are tuned on: the seeds of judging "
-            f"are {seed} to {seed + SEEDS - 1}, and that of tuning is {tuning_seed}; give another "
-            "seed."
-        )
+    _refuse(budget, seed, tuning_seed, track, (plant, rails, law, beside))
     if extend and out is not None:
         runs = extended(Path(out), extend)
-    if track not in TRACKS:
-        raise InputError(f"There is no track {track}; name {listed(TRACKS, 'or')}.")
     robust = track == TRACKS[1]
-    if robust and (plant, rails, law, beside) != (None,) * 4:
-        raise InputError(
-            "the robust track has its own train and rails; leave out plant, rails, law and beside."
-        )
-    families, other = _families(rails, law), None if beside is None else board_of(beside)
-    titles = {name: one.TITLE for name, one in families.items()}
-    tuned_on = [next(iter(families))]
-    if robust:
-        families = {name: one.disturbance for name, one in disturbances().items()}
-        titles = {name: one.words for name, one in disturbances().items()}
-        tuned_on = [name for name, one in disturbances().items() if one.tuned_on]
+    ground = _disturbed() if robust else _ground(_families(rails, law))
+    families, other = ground.families, None if beside is None else board_of(beside)
     system = SYSTEMS[SYSTEM]
     source = str(plant or system.plant)
     train = read_plant(shipped().get(source, Path(source)))
-    terms = terms_of(system, train.plant, Sensors(system.noise, period=SAMPLED))
     grid = Grid(step or STEP, duration=duration)
     entrants = _entrants(methods)
     if robust:  # judged at the price that methods are ranked by
         entrants.pop(OPTIMA[3])
-    # What limits the step is the plant on its rails, or the observer of a method.
-    first = next(iter(entrants.items())), next(iter(families.items()))
-    timings = [
-        timing_of(terms, grid, f"{name} on {on} rails", entrant, rail)
-        for (name, entrant), (on, rail) in [
-            *((one, first[1]) for one in entrants.items()),
-            *((first[0], one) for one in families.items()),
-        ]
-    ]
-    # One program does for all dead times.
-    field = Field(terms, max(timings, key=lambda one: one.dead), entrants)
+    terms = terms_of(system, train.plant, Sensors(system.noise, period=SAMPLED))
+    field = _field(terms, grid, entrants, families)
     # The optima with a price differ from the one without in what they are told alone.
     alone = {name: one for name, one in entrants.items() if name not in [*OPTIMA.values()][1:]}
-    of_tuned = {name: families[name] for name in tuned_on}
+    of_tuned = {name: families[name] for name in ground.tuned_on}
     to_tune = Tuning(field._replace(entrants=alone), of_tuned, budget, tuning_seed)
     to_judge = Judging(field, families, {}, runs, seed)
     with (
@@ -266,26 +238,16 @@ def traction_leaderboard(
         known = {
             name: _known(one, best.get(name), best[OPTIMA[0]]) for name, one in entrants.items()
         }
-        if robust:
-            versions = {ALL: versions[tuned_on[0]], **versions}
-            judged = pd.concat([over_all(segments), segments], ignore_index=True)
-            table = with_worst(table_of(judged, known, versions, ""))
-        else:
-            table = table_of(segments, known, versions, tuned_on[0])
+        table = _table(segments, known, versions, ground.tuned_on[0], robust)
         if other is not None:
             table = with_rows(table, other)
-        # All processes together.
-        steps, cpu_seconds, compiling = (
-            sum(float(one[name]) for one in (*of_tuning, *of_judging))
-            for name in ("steps", "seconds", "compile_seconds")
-        )
         told = {
             "system": "leaderboard",
             "track": track,
             "plant": train.title,
-            "rails": titles,
+            "rails": ground.titles,
             "doubts": {name: one.doubt for name, one in families.items() if one.doubt},
-            "tuned_on": ", ".join(tuned_on),
+            "tuned_on": ", ".join(ground.tuned_on),
             "runs": runs,
             "seeds": [*range(seed, seed + SEEDS)],
             "budget": budget,
@@ -294,21 +256,109 @@ def traction_leaderboard(
             "step_s": grid.step,
             "control_period_s": grid.control_period,
             "duration_s": duration,
-            "plant_steps": steps,
-            "plant_steps_per_cpu_second": steps / cpu_seconds,
-            "run_cpu_seconds": cpu_seconds,
-            "compile_seconds": compiling,
-            "million_plant_steps_per_cpu_second": {
-                method: float(one["steps"] / one["seconds"] / 1e6)
-                for (_, on, method), one in zip(to_judge.units, of_judging, strict=True)
-                if on == tuned_on[0]
-            },
+            **_costs(of_tuning, of_judging, to_judge, ground.tuned_on[0]),
         }
         courses = shown_of(to_judge, of_judging)
         found = Leaderboard(table, segments, courses, train, told, time.perf_counter() - began)
         if out is not None:
             found.write(stage)
     return found
+
+
+def _refuse(
+    budget: int, seed: int, tuning_seed: int, track: str, of_nominal: tuple[object, ...]
+) -> None:
+    """InputError where numbers are not possible or the track has no such options."""
+    if not 1 <= budget <= 2**16:
+        raise InputError(
+            f"a budget of {budget} configurations is not possible; give 1 to {2**16}, such as 64."
+        )
+    if seed <= tuning_seed < seed + SEEDS:
+        raise InputError(
+            f"methods would be judged on the rails that they are tuned on: the seeds of judging "
+            f"are {seed} to {seed + SEEDS - 1}, and that of tuning is {tuning_seed}; give another "
+            "seed."
+        )
+    if track not in TRACKS:
+        raise InputError(f"There is no track {track}; name {listed(TRACKS, 'or')}.")
+    if track == TRACKS[1] and any(one is not None for one in of_nominal):
+        raise InputError(
+            "the robust track has its own train and rails; leave out plant, rails, law and beside."
+        )
+
+
+class _Ground(NamedTuple):
+    """What methods are judged on, with its title, and which of it they are tuned on, by name."""
+
+    families: Mapping[str, Family]
+    titles: Mapping[str, str]
+    tuned_on: Sequence[str]
+
+
+def _ground(families: Mapping[str, Family]) -> _Ground:
+    """Families of rails, the first of which is tuned on."""
+    return _Ground(families, {name: one.TITLE for name, one in families.items()}, [*families][:1])
+
+
+def _disturbed() -> _Ground:
+    """The disturbances of the robust track."""
+    every = disturbances()
+    return _Ground(
+        {name: one.disturbance for name, one in every.items()},
+        {name: one.words for name, one in every.items()},
+        [name for name, one in every.items() if one.tuned_on],
+    )
+
+
+def _field(
+    terms: Terms, grid: Grid, entrants: Mapping[str, Entrant], families: Mapping[str, Family]
+) -> Field:
+    """What all methods share; one program does for all dead times."""
+    # What limits the step is the plant on its rails, or the observer of a method.
+    first = next(iter(entrants.items())), next(iter(families.items()))
+    timings = [
+        timing_of(terms, grid, f"{name} on {on} rails", entrant, rail)
+        for (name, entrant), (on, rail) in [
+            *((one, first[1]) for one in entrants.items()),
+            *((first[0], one) for one in families.items()),
+        ]
+    ]
+    return Field(terms, max(timings, key=lambda one: one.dead), entrants)
+
+
+def _table(
+    segments: pd.DataFrame,
+    known: Mapping[str, Known],
+    versions: Mapping[str, Versions],
+    tuned_on: str,
+    robust: bool,
+) -> pd.DataFrame:
+    if not robust:
+        return table_of(segments, known, versions, tuned_on)
+    judged = pd.concat([over_all(segments), segments], ignore_index=True)
+    return with_worst(table_of(judged, known, {ALL: versions[tuned_on], **versions}, ""))
+
+
+def _costs(
+    of_tuning: Sequence[Arrays], of_judging: Sequence[Arrays], job: Judging, tuned_on: str
+) -> dict[str, object]:
+    """Steps of the plant, the time that they took, and how fast each method is."""
+    # All processes together.
+    steps, cpu_seconds, compiling = (
+        sum(float(one[name]) for one in (*of_tuning, *of_judging))
+        for name in ("steps", "seconds", "compile_seconds")
+    )
+    return {
+        "plant_steps": steps,
+        "plant_steps_per_cpu_second": steps / cpu_seconds,
+        "run_cpu_seconds": cpu_seconds,
+        "compile_seconds": compiling,
+        "million_plant_steps_per_cpu_second": {
+            method: float(one["steps"] / one["seconds"] / 1e6)
+            for (_, on, method), one in zip(job.units, of_judging, strict=True)
+            if on == tuned_on
+        },
+    }
 
 
 def _families(
