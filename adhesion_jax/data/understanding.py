@@ -87,24 +87,9 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
     of axles. InputError where what is said fits neither the columns nor the units of the quantity.
     """
     given = [_quantity(key) for key in columns]
-    twice = next((one for one in given if given.count(one) > 1), None)
-    if twice is not None:
-        raise InputError(f"{twice} is said to be two things; name one of them.")
     guesses = {name: _guess(sheet, name) for name in sheet.columns}
     guesses = _by_neighbours(guesses, "adhesion_sd" in given)
-    told: dict[str, Taken] = {}  # by the column
-    constants: dict[str, float] = {}
-    for quantity, (key, value) in zip(given, columns.items(), strict=True):
-        one = _said(sheet, guesses, quantity, value, key in COLUMNS)
-        if isinstance(one, float):
-            constants[quantity] = one
-            continue
-        other = told.setdefault(one.column, one)
-        if other is not one:
-            raise InputError(
-                f"The column {one.column} is said to be {other.name} and {quantity}; a column is "
-                "one quantity."
-            )
+    told, constants = _told(sheet, guesses, given, columns)
     # What groups go by may be a quantity as well.
     by_column = {name: one for name, one in told.items() if one.name != GROUP}
     questions: dict[str, Guess] = {}
@@ -116,24 +101,9 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
             chosen.setdefault(found.quantity, {})[name] = found
         elif found.question and not {*given} & {*found.quantities}:
             questions[name] = found
-    of_quantity: dict[str, tuple[str, int]] = {}  # by the column, with the number of the copy
-    families: dict[str, list[str]] = {}
-    for quantity, of_it in chosen.items():
-        exact = [name for name in of_it if name == quantity]
-        if len(exact or of_it) == 1:
-            of_quantity[(exact or [*of_it])[0]] = quantity, 0
-        else:
-            families[quantity] = [] if exact else side_by_side(of_it)
     one_axle = any(guesses[name].number >= 0 for name in by_column)
     in_time = "time_s" in given or any(one.quantity == "time_s" for one in guesses.values())
-    copies = _copies(families, in_time and not one_axle, axles)
-    count = max((len(families[one]) for one in families if copies), default=0)
-    for quantity, names in families.items():
-        if copies and len(names) == count and (quantity == "adhesion" or copies == "axle"):
-            of_quantity |= {name: (quantity, i) for i, name in enumerate(names, 1)}
-        else:
-            asked = _which_column(quantity, chosen[quantity], bool(names) and in_time)
-            questions[next(iter(chosen[quantity]))] = asked
+    of_quantity, asked, copies = _one_each(chosen, one_axle, in_time, axles)
     taken = []
     left_out = []
     for name, found in guesses.items():
@@ -155,10 +125,67 @@ def understand(sheet: Sheet, columns: Mapping[str, object], axles: bool = False)
     return Understanding(
         tuple(taken),
         constants,
-        questions,
+        questions | asked,
         tuple(left_out),
         copies if any(one.copy for one in taken) else "",
     )
+
+
+def _told(
+    sheet: Sheet,
+    guesses: Mapping[str, Guess],
+    given: Sequence[str],
+    columns: Mapping[str, object],
+) -> tuple[dict[str, Taken], dict[str, float]]:
+    """What the user says of columns, by the column, and the constants by the quantity.
+
+    `given` are the quantities of the keys of `columns`.
+    """
+    twice = next((one for one in given if given.count(one) > 1), None)
+    if twice is not None:
+        raise InputError(f"{twice} is said to be two things; name one of them.")
+    told: dict[str, Taken] = {}
+    constants: dict[str, float] = {}
+    for quantity, (key, value) in zip(given, columns.items(), strict=True):
+        one = _said(sheet, guesses, quantity, value, key in COLUMNS)
+        if isinstance(one, float):
+            constants[quantity] = one
+            continue
+        other = told.setdefault(one.column, one)
+        if other is not one:
+            raise InputError(
+                f"The column {one.column} is said to be {other.name} and {quantity}; a column is "
+                "one quantity."
+            )
+    return told, constants
+
+
+def _one_each(
+    chosen: Mapping[str, Mapping[str, Guess]], one_axle: bool, in_time: bool, axles: bool
+) -> tuple[dict[str, tuple[str, int]], dict[str, Guess], str]:
+    """The columns of each quantity that several may hold: one of them, copies, or a question.
+
+    `chosen` are the columns by quantity. Returns the quantity and the number of the copy by column,
+    from 1 and 0 where there is one column; the questions by the first column; the label of copies.
+    """
+    of_quantity: dict[str, tuple[str, int]] = {}
+    families: dict[str, list[str]] = {}
+    for quantity, of_it in chosen.items():
+        exact = [name for name in of_it if name == quantity]
+        if len(exact or of_it) == 1:
+            of_quantity[(exact or [*of_it])[0]] = quantity, 0
+        else:
+            families[quantity] = [] if exact else side_by_side(of_it)
+    copies = _copies(families, in_time and not one_axle, axles)
+    count = max((len(families[one]) for one in families if copies), default=0)
+    questions: dict[str, Guess] = {}
+    for quantity, names in families.items():
+        if copies and len(names) == count and (quantity == "adhesion" or copies == "axle"):
+            of_quantity |= {name: (quantity, i) for i, name in enumerate(names, 1)}
+        else:
+            asked = _which_column(quantity, chosen[quantity], bool(names) and in_time)
+            questions[next(iter(chosen[quantity]))] = asked
+    return of_quantity, questions, copies
 
 
 def _quantity(key: str) -> str:
