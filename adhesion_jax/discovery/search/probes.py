@@ -239,7 +239,7 @@ def split(starts: Sequence[Effect]) -> tuple[list[Effect], np.ndarray]:
         for strength in start.FACTS.strengths:
             if float(getattr(start, strength)) != 0 or len(start.FACTS.strengths) == 1:
                 others = {name: 0.0 for name in start.FACTS.strengths if name != strength}
-                probes.append(dataclasses.replace(start, **others))
+                probes.append(dataclasses.replace(start, **others) if others else start)
                 owner.append(place)
     return probes, np.array(owner, int)
 

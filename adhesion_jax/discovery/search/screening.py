@@ -202,7 +202,7 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
     z = np.empty(len(blocks))
     for place, (block, some) in enumerate(zip(blocks, ranges, strict=True)):
         products = np.add.reduceat(block[:, :, None] * block[:, None, :], ends, axis=0)
-        variance, *freedom = variance_of(scores[:, some], products, given[:, :, some])
+        variance, *freedom = variance_of(scores[:, some], products, given[some])
         ratio = np.sum(scores[:, some].sum(axis=0) ** 2) / variance
         z[place] = -ndtri(np.clip(fdtrc(*freedom, ratio), 1e-300, 1 - 1e-12))
     pieces = np.add.reduceat(pulled, stretches(null, 0.0), axis=0)
@@ -221,23 +221,25 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
 def _variance(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[float, float]:
     """The variance of the sum b of the scores u [clusters, directions], and its degrees of freedom.
 
-    `products` are X_r'X_r, `given` the scores N_r'X_r of what is given, N. Of independent errors of
+    `products` are X_r'X_r, `given` the scores X_r'N_r of what is given, N. Of independent errors of
     variance one the u_r - X_r'X_r b of a direction have the covariance D - W W', where D are the
     shares of the clusters in the probe, and W their scores of N and X. Each is enlarged to variance
     D; with K the covariance then, the sum of their squares has (tr K)^2/tr K^2 degrees of freedom,
     here their mean over the directions.
     """
-    scores = np.concatenate([given, products], axis=1)  # [clusters, given and own, directions]
-    shares = np.diagonal(products, axis1=1, axis2=2)
-    held = (scores**2).sum(axis=1)
+    # The sums over clusters are products of matrices, for which each direction lies in one piece.
+    scores = np.concatenate([given, np.moveaxis(products, 2, 0)], axis=2)
+    shares = np.diagonal(products, axis1=1, axis2=2).T
+    held = np.einsum("dcg,dcg->dc", scores, scores)
     weight = 1 / np.maximum(1 - held / np.maximum(shares, 1e-300), _LEAST_LEFT)
-    trace = (weight * (shares - held)).sum(axis=0)
-    scores = np.moveaxis(scores * np.sqrt(weight)[:, None], 2, 0)
+    trace = (weight * (shares - held)).sum(axis=1)
+    scores *= np.sqrt(weight)[:, :, None]
     turned = np.swapaxes(scores, 1, 2)
     crossed = scores @ turned if scores.shape[1] < scores.shape[2] else turned @ scores
-    square = (crossed**2).sum(axis=(1, 2)) + (weight**2 * shares * (shares - 2 * held)).sum(axis=0)
+    square = np.einsum("dab,dab->d", crossed, crossed)
+    square += (weight**2 * shares * (shares - 2 * held)).sum(axis=1)
     freedom = float(np.mean(trace**2 / np.maximum(square, 1e-300)))
-    left = float((weight * (u - products @ u.sum(axis=0)) ** 2).sum())
+    left = float((weight.T * (u - products @ u.sum(axis=0)) ** 2).sum())
     variance = trace.size * left / max(float(trace.sum()), 1e-300)
     return max(variance, 1e-300), max(freedom, 1.0)
 
@@ -262,8 +264,9 @@ def _of_stretches(
     Mathematical Statistics 25, 290-302). Both are sums over pairs of different stretches, since one
     stretch has one direction, whatever V is.
     """
-    whole = (np.add.reduceat(one, at, axis=0) for one in (u, products, given))
-    (variance, freedom), (of_runs, few) = _variance(u, products, given), _variance(*whole)
+    whole = (np.add.reduceat(one, at, axis=0) for one in (u, products))
+    variance, freedom = _variance(u, products, given)
+    of_runs, few = _variance(*whole, np.add.reduceat(given, at, axis=1))
     total = max(variance, of_runs)
     share = variance / total
     left = u - products @ u.sum(axis=0)
@@ -275,9 +278,11 @@ def _of_stretches(
 
 
 def _given(basis: np.ndarray, x: np.ndarray, runs: np.ndarray) -> np.ndarray:
-    """The scores of what is given of the probe of each run, [runs, given, directions]."""
-    parts = np.split(np.arange(len(x)), runs[1:])
-    return np.stack([basis[part].T @ x[part] for part in parts])
+    """The scores of what is given of the probe of each run, [directions, runs, given]."""
+    found = np.empty((x.shape[1], runs.size, basis.shape[1]))
+    for place, part in enumerate(pairwise([*runs.tolist(), len(x)])):
+        found[:, place] = x[slice(*part)].T @ basis[slice(*part)]
+    return found
 
 
 def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
