@@ -1,7 +1,7 @@
 """Score tests: whether any entry of the library explains what a model leaves."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -207,15 +207,22 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
         z[place] = -ndtri(np.clip(fdtrc(*freedom, ratio), 1e-300, 1 - 1e-12))
     pieces = np.add.reduceat(pulled, stretches(null, 0.0), axis=0)
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(len(pieces), FLIPS))
-    squares = (pieces.T @ signs) ** 2 / np.maximum((pieces**2).sum(axis=0), 1e-300)[:, None]
+    squares = pieces.T @ signs
+    squares *= squares
+    squares /= np.maximum((pieces**2).sum(axis=0), 1e-300)[:, None]
     flipped = np.add.reduceat(squares, first[:-1], axis=0)
     for one, count in zip(flipped, np.diff(first), strict=True):
-        tail = np.clip(chdtrc(count, _GRID), 1e-300, 1 - 1e-12)
-        one[:] = np.interp(one, _GRID, -ndtri(tail))
+        one[:] = np.interp(one, _GRID, _deviates(count))
     # Of signs the tails are not quite those of a normal deviate: all are brought to them.
     tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
     flipped *= -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
     return z, flipped.max(axis=0)
+
+
+@cache
+def _deviates(count: int) -> np.ndarray:
+    """The normal deviates of the values of the grid as those of a chi-square."""
+    return -ndtri(np.clip(chdtrc(count, _GRID), 1e-300, 1 - 1e-12))
 
 
 def _variance(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[float, float]:
