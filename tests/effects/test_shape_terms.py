@@ -263,6 +263,7 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
         EFFECTS["load_slope"](p=0.3, reference=9e4),
         EFFECTS["lag"](time_constant=0.6),
         KINDS["periodic"](0.03, 0.02, 0.04, column="position_m"),
+        KINDS["constant"](0.003, acts_on="offset"),
     )  # fmt: skip
     assert {*KINDS} - {*EFFECTS} <= {kind_of(effect) for effect in effects}
     start = {"burckhardt": (0.3, 60.0, 0.5), "kiencke": (30.0, 10.0, 400.0), "polach": (0.3, 90.0)}

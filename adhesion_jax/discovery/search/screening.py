@@ -211,7 +211,7 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
     squares *= squares
     squares /= np.maximum((pieces**2).sum(axis=0), 1e-300)[:, None]
     flipped = np.add.reduceat(squares, first[:-1], axis=0)
-    for one, count in zip(flipped, np.diff(first), strict=True):
+    for one, count in zip(flipped, np.diff(first).tolist(), strict=True):
         one[:] = np.interp(one, _GRID, _deviates(count))
     # Of signs the tails are not quite those of a normal deviate: all are brought to them.
     tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
@@ -271,9 +271,12 @@ def _of_stretches(
     Mathematical Statistics 25, 290-302). Both are sums over pairs of different stretches, since one
     stretch has one direction, whatever V is.
     """
-    whole = (np.add.reduceat(one, at, axis=0) for one in (u, products))
     variance, freedom = _variance(u, products, given)
-    of_runs, few = _variance(*whole, np.add.reduceat(given, at, axis=1))
+    of_runs, few = _variance(
+        np.add.reduceat(u, at, axis=0),
+        np.add.reduceat(products, at, axis=0),
+        np.add.reduceat(given, at, axis=1),
+    )
     total = max(variance, of_runs)
     share = variance / total
     left = u - products @ u.sum(axis=0)
