@@ -56,10 +56,16 @@ def test_labels_are_drawn_as_points_with_their_names():
 
 def test_a_round_of_columns_that_trees_need_has_no_threshold_and_says_so():
     of_trees = Candidate(1, "covariate:wind_mps", 2.2, 0.002, 9.0, 2.0, "accepted")
-    findings = two_effects()._replace(thresholds=(4.21,))
-    first, second = _ranking(
-        findings._replace(ranking=(*[row for row in findings.ranking if row.round == 0], of_trees))
-    ).axes
+    findings = two_effects()
+    humidity, speed = findings.effects
+    findings = findings._replace(
+        thresholds=(4.21,),
+        ranking=(*[row for row in findings.ranking if row.round == 0], of_trees),
+    )
+    for axis in _ranking(findings).axes:  # of a threshold that is not known nothing is said
+        assert axis.get_title(loc="left") in ("round 1", "round 2")
+    trees = findings._replace(effects=(humidity._replace(by_trees=True), speed))
+    first, second = _ranking(trees).axes
     assert first.get_title(loc="left") == "round 1"
     assert second.get_title(loc="left") == (
         "round 2, of columns that boosted trees need: accepted by the p of the trees"

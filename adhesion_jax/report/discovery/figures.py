@@ -194,8 +194,11 @@ def _ranking(findings: Findings) -> Figure | None:
         len(rounds), 1, sharex=True, squeeze=False, height_ratios=[count + 1 for count in bars]
     ).ravel()
     end = max(_end(row) for rows in rounds for row in rows)
+    # Forms for the columns that boosted trees need are sought last, in a round without a threshold.
+    by_trees = any(effect.by_trees for effect in (*findings.effects, *findings.unexplained))
     for axis, rows in zip(axes, rounds, strict=True):
-        _round(axis, rows, findings.thresholds)
+        of_trees = by_trees and rows[0].round >= len(findings.thresholds)
+        _round(axis, rows, findings.thresholds, of_trees)
         axis.set_xlim(0.0, end)
     axes[-1].set_xlabel("z of the score test (1)")
     with_lines = [axis for axis in axes if axis.get_legend_handles_labels()[0]]
@@ -215,7 +218,9 @@ def _end(row: Candidate) -> float:
     return max(float(np.nan_to_num(row.z)), 1.0) / (0.94 - 0.0085 * words)
 
 
-def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> None:
+def _round(
+    axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...], of_trees: bool
+) -> None:
     bars = axis.barh(
         np.arange(len(rows)),
         # A negative z is drawn as 0: a bar to the left would run into the names.
@@ -229,17 +234,14 @@ def _round(axis: Axes, rows: list[Candidate], thresholds: tuple[float, ...]) -> 
     words = [label_text(decision(row.decision), _WORDS) for row in rows]
     behind = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
     axis.bar_label(bars, words, padding=5, fontsize=8, bbox=behind)
-    number = rows[0].round
-    threshold = dict(enumerate(thresholds)).get(number, np.nan)
+    threshold = dict(enumerate(thresholds)).get(rows[0].round, np.nan)
     if np.isfinite(threshold):
         dashed = (0, (4, 2))
         axis.axvline(threshold, color="0.25", linestyle=dashed, linewidth=1, zorder=1.5)
         axis.plot([], [], color="0.25", linestyle=dashed, linewidth=1, label="significant beyond")
     axis.set_ylim(len(rows) - 0.4, -0.6)
-    # Forms for the columns that boosted trees need are sought last, in a round without a threshold.
-    of_trees = ", of columns that boosted trees need: accepted by the p of the trees"
-    title = f"round {number + 1}{of_trees * (number >= len(thresholds))}"
-    axis.set_title(title, fontsize=9, loc="left")
+    whose = ", of columns that boosted trees need: accepted by the p of the trees" * of_trees
+    axis.set_title(f"round {rows[0].round + 1}{whose}", fontsize=9, loc="left")
     light_frame(axis)
 
 
