@@ -1,6 +1,9 @@
 """Files of every format with bytes changed, cut or moved are read, or refused in a sentence."""
 
 import io
+import json
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -8,7 +11,7 @@ import numpy as np
 import pytest
 from foreign_logs import FOREIGN, LOG, written
 
-from adhesion_jax.data import read_measured
+from adhesion_jax.data import containers, read_measured
 from adhesion_jax.data.vectors import READERS
 from adhesion_jax.errors import InputError
 
@@ -79,19 +82,48 @@ def fuzzed(ending, count, folder):
     return read, told
 
 
+@pytest.fixture
+def forking(monkeypatch, tmp_path):
+    """Programs start in a hundredth of the time that importing their libraries takes."""
+    server = subprocess.Popen(
+        [sys.executable, Path(__file__).with_name("forking.py")],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+    def run(command, **_):
+        told = tmp_path / "told"
+        print(json.dumps([*map(str, command[2:]), str(told)]), file=server.stdin, flush=True)
+        status = int(server.stdout.readline())
+        return subprocess.CompletedProcess(command, status, told.read_bytes())
+
+    with server:
+        monkeypatch.setattr(containers.subprocess, "run", run)
+        yield
+        monkeypatch.undo()
+        server.stdin.close()
+
+
 @pytest.mark.filterwarnings("ignore")  # of libraries, which the command shows to nobody
 @pytest.mark.parametrize(
     ("ending", "count"),
     [
         *((one, 30) for one in ENDINGS if one not in READERS),
-        *(pytest.param(one, 30, marks=pytest.mark.long) for one in ENDINGS if one in READERS),
-        # What is true of .h5 is of .hdf5, which has the same files and the same reader.
-        *(pytest.param(one, 1000, marks=pytest.mark.slow) for one in ENDINGS if one != ".hdf5"),
+        # A program of its own is started for each of these files, which takes up to a second.
+        *(pytest.param(one, 6, marks=pytest.mark.long) for one in READERS),
+        *(pytest.param(one, 1000, marks=pytest.mark.slow) for one in ENDINGS if one not in READERS),
     ],
 )
 def test_no_file_is_answered_by_an_error_of_a_library(ending, count, tmp_path):
-    # A program of its own is started for each file of some formats, which takes up to a second.
-    some = 6 if ending in READERS and count < 1000 else count
-    read, told = fuzzed(ending, some, tmp_path)
-    assert read < some
+    read, told = fuzzed(ending, count, tmp_path)
+    assert read < count
     assert [one for one in told if "\n" in one or not one.endswith(".")] == []
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("forking")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("ending", READERS)
+def test_nor_are_many_files_that_a_program_reads(ending, tmp_path):
+    test_no_file_is_answered_by_an_error_of_a_library(ending, 1000, tmp_path)
