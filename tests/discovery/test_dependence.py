@@ -33,13 +33,12 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
 
     (told,) = found_effects(state, errors(np.ones(9), np.ones(9), np.ones(9), 0))
     assert told.sentence == (
-        "Structure against place; no physical cause is claimed. Its labels, from 1: a, b, c and d. "
-        "Its form is refined by covariate on the offset, covariate on the slip and constant on the "
-        "offset."
+        "Structure against place; no physical cause is claimed. Its form is refined by "
+        "covariate on the offset, covariate on the slip and constant on the offset."
     )
     # Neither hides the parameters of the other.
     refined = {"covariate on the offset k", "covariate on the slip k", "constant on the offset k"}
-    assert {"k1", "k2", "k3", "k4", *refined} == {*told.parameters} == {*told.units}
+    assert {*(f"k of {one}" for one in "abcd"), *refined} == {*told.parameters} == {*told.units}
 
 
 @pytest.mark.parametrize("time_s", ["goes on", "starts anew", "is not there"])

@@ -163,13 +163,14 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                 interval = told[rank, place][name]
                 if interval.high - interval.low > _UNTOLD * (described.upper - described.lower):
                     continue
+                said = prefix + _of_label(part, name, state.setting.problem)
                 if not described.lower < interval.value < described.upper:
-                    at_bound.append(prefix + name)
+                    at_bound.append(said)
                     interval = Interval(interval.value, np.nan, np.nan)
-                parameters[prefix + name] = interval
+                parameters[said] = interval
                 column = effect.covariates[0] if effect.covariates else ""
                 unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
-                units[prefix + name] = described.unit.replace("column", unit)
+                units[said] = described.unit.replace("column", unit)
         formula = _formula(effect.parts[0])
         found.append(
             FoundEffect(
@@ -181,7 +182,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                 units,
                 effect.p,
                 validation.after.value * float(np.sqrt(ratio)),
-                _sentence(effect, state.setting.problem),
+                _sentence(effect),
                 acts_on(effect),
                 tuple(at_bound),
                 effect.by_trees,
@@ -193,6 +194,13 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
 def _no_label(part: Effect, name: str) -> bool:
     """Whether a strength is that of a label that the data lack."""
     return isinstance(part, Labels) and getattr(part, f"label{name[1:]}") == NO_LABEL
+
+
+def _of_label(part: Effect, name: str, problem: Problem) -> str:
+    """A strength with the label that it is of."""
+    if not isinstance(part, Labels):
+        return name
+    return f"k of {problem.name_of(part.column, getattr(part, f'label{name[1:]}'))}"
 
 
 #: The curve mu(l) changed by a function g of columns, by the part of the curve that g acts on.
@@ -228,15 +236,12 @@ def _formula(part: Effect) -> str:
     )
 
 
-def _sentence(effect: Accepted, problem: Problem) -> str:
+def _sentence(effect: Accepted) -> str:
     """What the effect does, in words."""
     first = effect.parts[0]
     said = first.FACTS.sentence if isinstance(first, Cause) else ""
     if effect.generic or not said:
         said = f"Structure against {' and '.join(effect.covariates)}; no physical cause is claimed."
-    if isinstance(first, Labels):
-        names = [problem.name_of(first.column, label) for label in first.values()]
-        said += f" Its labels, from 1: {listed(names)}."
     more = [_called(part) for part in effect.parts[1:]]
     return f"{said} Its form is refined by {listed(more)}." if more else said
 
