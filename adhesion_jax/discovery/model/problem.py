@@ -59,7 +59,7 @@ class Problem(NamedTuple):
     in_time: bool  # whether the order of the points of a run is that of time
     measured: frozenset[str]  # columns as given
     named: Mapping[str, tuple[str, ...]]  # the names of the labels of a column, by their numbers
-    #: Functions of the columns, [runs, points], kept once they have been computed.
+    #: Functions of the columns, [strengths, runs, points], kept once they have been computed.
     terms: dict[tuple[object, ...], np.ndarray]
 
     def name_of(self, column: str, label: float) -> str:

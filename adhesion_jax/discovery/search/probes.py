@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
@@ -266,32 +267,39 @@ def signals(null: Null, probes: Sequence[Effect]) -> np.ndarray:
 def _term(problem: Problem, probe: ShapeTerm) -> np.ndarray:
     """The values of the term's function of the columns, [runs, points].
 
-    They do not depend on any fit and are kept in `problem.terms`.
+    It is the sum of the functions by which its strengths are multiplied. These do not depend on any
+    fit and are kept in `problem.terms`.
     """
-    kind = type(probe)
-    names = [getattr(probe, word) for word in words_of(kind)]
-    numbers = {name: float(getattr(probe, name)) for name in kind.FACTS.parameters}
-    key = (kind, *names, *numbers.values())
+    kind, numbers = type(probe), vars(probe)
+    names = [numbers[word] for word in words_of(kind)]
+    strengths = kind.FACTS.strengths
+    others = {name: float(numbers[name]) for name in kind.FACTS.parameters if name not in strengths}
+    key = (kind, *names, *others.values())
     if key not in problem.terms:
         columns = [problem.data.columns[problem.columns.index(name)] for name in names]
         time = problem.data.conditions["time_s"]
-        problem.terms[key] = np.asarray(_log_factor(kind, numbers, columns, time))
-    return problem.terms[key]
+        problem.terms[key] = np.asarray(_functions(kind, others, columns, time))
+    sizes = np.array([float(numbers[name]) for name in strengths])
+    used = np.flatnonzero(sizes)
+    return np.tensordot(sizes[used], problem.terms[key][used], 1)
 
 
 @kept(static=(0,))
-def _log_factor(
+def _functions(
     kind: type[ShapeTerm],
-    numbers: Mapping[str, Scalar],
+    others: Mapping[str, Scalar],
     columns: Sequence[Float[Any, "runs points"]],
     time: Float[Any, "runs points"],
-) -> Float[Array, "runs points"]:
-    """The function of columns of a term of that kind; compiled once for all names of columns."""
+) -> Float[Array, "strengths runs points"]:
+    """What each strength of a term multiplies; compiled once for all names of columns."""
     places = [str(place) for place in range(len(columns))]
-    named: Mapping[str, Any] = {**numbers, **dict(zip(words_of(kind), places, strict=True))}
+    named: Mapping[str, Any] = {**others, **dict(zip(words_of(kind), places, strict=True))}
 
-    def of_run(columns: Sequence[Array], time: Array) -> Array:
+    def of_run(sizes: Array, columns: Sequence[Array], time: Array) -> Array:
         conditions = {**dict(zip(places, columns, strict=True)), "time_s": time}
-        return kind(**named).log_factor(conditions)
+        strengths = dict(zip(kind.FACTS.strengths, sizes, strict=True))
+        return kind(**named, **strengths).log_factor(conditions)
 
-    return jax.vmap(of_run)(columns, time)
+    of_runs = jax.vmap(of_run, in_axes=(None, 0, 0))
+    alone = jnp.eye(len(kind.FACTS.strengths))
+    return jax.vmap(of_runs, in_axes=(0, None, None))(alone, columns, time)

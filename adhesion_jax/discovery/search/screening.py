@@ -38,6 +38,10 @@ _FEWEST_RUNS, _FEWEST_RUNS_ALONE = 4.0, 2.0
 #: The tail by which deviates are scaled, and the least deviate that it is taken to have.
 _TAIL, _LEAST_TAIL = 0.005, 1.0
 
+#: A start whose deviate by signs is at most this is not looked at more closely. Of 19,000 starts of
+#: eight searches these were 77 %, and the largest z of any of them was 2.2.
+_ORDINARY = 1.0
+
 #: What an entry would gain is worked out if its own p is at most this.
 _SURE = 0.02
 
@@ -189,14 +193,38 @@ def _tested(
 def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndarray, np.ndarray]:
     """The z of blocks of orthonormal probes [points, directions], by the statistic of `screen`.
 
-    Returns z [blocks], and the largest z of any block under each choice of signs [FLIPS].
+    That of a block whose |b|^2 is ordinary among those under random signs is the deviate of it
+    there. Returns z [blocks], and the largest z of any block under each choice of signs [FLIPS].
     """
-    first = np.cumsum([0, *(block.shape[1] for block in blocks)])
-    ranges = [slice(*ends) for ends in pairwise(first)]
-    x = np.concatenate(blocks, axis=1)
-    pulled, ends = x * null.residual[:, None], null.firsts
-    runs = firsts_of_runs(null.inside)
-    scores, given = np.add.reduceat(pulled, ends, axis=0), _given(null.basis, x, ends)
+    counts = np.array([block.shape[1] for block in blocks])
+    firsts = np.cumsum(counts) - counts
+    pulled = np.concatenate(blocks, axis=1) * null.residual[:, None]
+    pieces = np.add.reduceat(pulled, stretches(null, 0.0), axis=0)
+    variance = np.maximum((pieces**2).sum(axis=0), 1e-300)
+    own = np.add.reduceat(pieces.sum(axis=0) ** 2 / variance, firsts)
+    z = -ndtri(np.clip(chdtrc(counts, own), 1e-300, 1 - 1e-12))
+    followed = np.flatnonzero(z > _ORDINARY)
+    if followed.size:
+        z[followed] = _deviates_of(null, [blocks[place] for place in followed])
+    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(len(pieces), FLIPS))
+    squares = pieces.T @ signs
+    squares *= squares
+    squares /= variance[:, None]
+    flipped = np.add.reduceat(squares, firsts, axis=0)
+    for one, count in zip(flipped, counts.tolist(), strict=True):
+        one[:] = np.interp(one, _GRID, _deviates(count))
+    # Of signs the tails are not quite those of a normal deviate: all are brought to them.
+    tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
+    flipped *= -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
+    return z, flipped.max(axis=0)
+
+
+def _deviates_of(null: Null, blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """The z of blocks of orthonormal probes by the statistic of `screen`, [blocks]."""
+    ranges = [slice(*ends) for ends in pairwise(np.cumsum([0, *(x.shape[1] for x in blocks)]))]
+    x, ends, runs = np.concatenate(blocks, axis=1), null.firsts, firsts_of_runs(null.inside)
+    scores = np.add.reduceat(x * null.residual[:, None], ends, axis=0)
+    given = _given(null.basis, x, ends)
     at = np.searchsorted(ends, runs)
     variance_of = _of_runs if ends.size == runs.size else partial(_of_stretches, at)
     z = np.empty(len(blocks))
@@ -205,18 +233,7 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
         variance, *freedom = variance_of(scores[:, some], products, given[some])
         ratio = np.sum(scores[:, some].sum(axis=0) ** 2) / variance
         z[place] = -ndtri(np.clip(fdtrc(*freedom, ratio), 1e-300, 1 - 1e-12))
-    pieces = np.add.reduceat(pulled, stretches(null, 0.0), axis=0)
-    signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(len(pieces), FLIPS))
-    squares = pieces.T @ signs
-    squares *= squares
-    squares /= np.maximum((pieces**2).sum(axis=0), 1e-300)[:, None]
-    flipped = np.add.reduceat(squares, first[:-1], axis=0)
-    for one, count in zip(flipped, np.diff(first).tolist(), strict=True):
-        one[:] = np.interp(one, _GRID, _deviates(count))
-    # Of signs the tails are not quite those of a normal deviate: all are brought to them.
-    tail = np.quantile(flipped, 1 - _TAIL, axis=1, keepdims=True)
-    flipped *= -ndtri(_TAIL) / np.maximum(tail, _LEAST_TAIL)
-    return z, flipped.max(axis=0)
+    return z
 
 
 @cache
