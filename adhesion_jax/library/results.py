@@ -119,7 +119,7 @@ def aligned(table: pd.DataFrame, width: int | None = None) -> str:
     )
 
 
-def steps_told(steps: float, seconds: float, compile_seconds: float) -> str:
+def steps_told(steps: int, seconds: float, compile_seconds: float) -> str:
     """What plant steps took, all processes together."""
     return (
         f"{steps:.3g} plant steps in {seconds:.0f} CPU-seconds ({steps / seconds / 1e6:.1f} "

@@ -48,7 +48,7 @@ def test_what_explains_the_levels_of_fourteen_runs_to_a_tenth_of_them_is_told(se
     level = np.exp(0.1 * whole["warm"]) * levels(draw, whole, 0.006)
     made = curve(whole["slip_ratio"]) * level + noise(draw, runs=14)
     fitted = alone(whole.assign(adhesion=made))
-    best = screen([(null_of(fitted), library_of(fitted.setting.problem))], 0)[0]
+    best = screen([([null_of(fitted)], library_of(fitted.setting.problem))], 0)[0]
     assert best.entry.covariates == ("warm",)
     assert best.p <= rules.SIGNIFICANT
 
@@ -104,7 +104,7 @@ def test_where_nothing_moves_adhesion_within_runs_p_is_as_rarely_small_as_it_say
     found = []
     for seed in range(200):
         made = measured(table, draw)
-        scores = screen([(seen(null, made), entries) for null in nulls], seed)
+        scores = screen([([seen(null, made) for null in nulls], entries)], seed)
         found.append(min(score.p for score in scores))
     for level in (0.01, 0.05, 0.2):
         assert np.sum(np.array(found) <= level) <= stats.binom.isf(1e-3, 200, level)
@@ -123,7 +123,7 @@ def test_a_smooth_function_is_as_rarely_strong_in_slow_noise_as_its_deviate_says
     ]
     strong = Counter()
     for seed in range(60):
-        scores = screen([(seen(null, measured(table, draw)), entries)], seed)
+        scores = screen([([seen(null, measured(table, draw))], entries)], seed)
         assert len(scores) == len(entries)
         strong.update(score.form for score in scores if score.z > stats.norm.isf(0.01))
     assert max(strong.values()) <= stats.binom.isf(1e-3, 60, 0.02)
@@ -139,7 +139,7 @@ def best_of(fitted, columns, kind, acts_on):
         if entry.acts_on == acts_on
     ]
     nulls = [null_of(fitted, within=within) for within in (False, True)]
-    return screen([(null, entries) for null in nulls], 0)[0]
+    return screen([(nulls, entries)], 0)[0]
 
 
 def test_a_shift_by_a_column_that_stands_still_within_runs_is_found():

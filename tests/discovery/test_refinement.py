@@ -159,9 +159,9 @@ def test_a_model_that_fills_its_program_grows_no_further(quiet):
     assert has_room([start] * 7, start)
     assert not has_room([start] * 8, start)
     null = null_of(quiet.fitted)
-    assert screen([(null, entries)], seed=0)
+    assert screen([([null], entries)], seed=0)
     full = null._replace(fitted=quiet.fitted._replace(effects=(line,) * 12))
-    assert screen([(full, entries)], seed=0) == ()
+    assert screen([([full], entries)], seed=0) == ()
 
 
 def test_a_full_model_has_room_for_what_is_put_beside_it(quiet):

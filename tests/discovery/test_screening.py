@@ -189,7 +189,7 @@ def by_hand(null, start):
 
 
 def check_by_hand(now, entry, rel):
-    (score,) = screen([(now, [entry])], seed=5)
+    (score,) = screen([([now], [entry])], seed=5)
     assert score.z == pytest.approx(by_hand(now, entry.starts[0]), rel=rel)
     # Of one form alone, one in a hundred.
     assert score.needed == pytest.approx(stats.norm.isf(0.01), abs=0.1)
@@ -219,7 +219,7 @@ def test_a_lag_that_hides_its_curve_is_told_by_the_slip_before():
     made = simulate(["lag"], seed=367, base="exponential", noise=hidden, strength=0.5, **SIZE)
     fitted = alone(made.train)
     (lag,) = [one for one in library_of(fitted.setting.problem) if one.name == "lag"]
-    (score,) = screen([(null_of(fitted, within=True), [lag])], seed=5)
+    (score,) = screen([([null_of(fitted, within=True)], [lag])], seed=5)
     assert score.p <= rules.SIGNIFICANT
     assert score.start.time_constant == made.parameters["lag"]["time_constant"]
 
@@ -264,7 +264,7 @@ def test_of_eight_runs_one_form_in_twenty_has_a_p_of_a_twentieth(eight):
         whole = draw.normal(size=rows) + 0.1 * np.repeat(draw.normal(size=8), POINTS)
         now = eight._replace(residual=whole - eight.basis @ (eight.basis.T @ whole))
         for entry in entries:
-            (score,) = screen([(now, [entry])], 0)
+            (score,) = screen([([now], [entry])], 0)
             told[entry.name].append(score.z)
     for z in told.values():
         for level in (0.01, 0.05, 0.2):
@@ -275,7 +275,7 @@ def test_of_eight_runs_one_form_in_twenty_has_a_p_of_a_twentieth(eight):
 
 def test_what_rests_on_few_runs_is_not_tested(null):
     three = in_few_runs(null, 3)
-    assert screen([(three, [line("gust"), line("warm")])], seed=0) == ()
+    assert screen([([three], [line("gust"), line("warm")])], seed=0) == ()
     # Nor what is different in one run of many.
     spike = Covariate(0.02, 0.0, 1.0, column="old")
     problem = null.fitted.setting.problem
@@ -284,12 +284,12 @@ def test_what_rests_on_few_runs_is_not_tested(null):
     changed = problem._replace(data=problem.data._replace(columns=columns), terms={})
     fitted = null.fitted._replace(setting=null.fitted.setting._replace(problem=changed))
     entry = Entry("covariate:old", (spike,), ("old",), True, "old")
-    assert screen([(null._replace(fitted=fitted), [entry])], seed=0) == ()
+    assert screen([([null._replace(fitted=fitted)], [entry])], seed=0) == ()
 
 
 def test_p_falls_to_that_of_all_draws_and_no_further(null, table):
     adhesion = curve(table["slip_ratio"]) * np.exp(0.2 * table["gust"])
-    (score,) = screen([(seen(null, adhesion.to_numpy()), [line("gust")])], seed=0)
+    (score,) = screen([([seen(null, adhesion.to_numpy())], [line("gust")])], seed=0)
     assert score.p == 1 / (1 + FLIPS)
 
 
@@ -328,7 +328,7 @@ def claims_of(null, table, library, draws, degrees):
     found = []
     for seed in range(draws):
         draw = np.random.default_rng([21, seed])
-        scores = screen([(drawn(null, table, draw, degrees), library)], seed)
+        scores = screen([([drawn(null, table, draw, degrees)], library)], seed)
         found.append(min(score.p for score in scores))
     return np.array(found)
 
@@ -385,7 +385,7 @@ def test_what_a_column_does_to_a_part_of_the_curve_is_found_there(null, table, l
     z = (table["gust"] / table["gust"].std()).to_numpy()
     adhesion = PLANTED[acts_on](curve, table["slip_ratio"].to_numpy(), z)
     now = seen(null, adhesion + noise(draw, correlation=0.5, sigma=0.0025))
-    scores = screen([(now, library)], seed=0)
+    scores = screen([([now], library)], seed=0)
     assert scores[0].entry.name == "covariate:gust"
     assert scores[0].p <= rules.SIGNIFICANT
     best = max(scores, key=lambda score: score.gains.sum())
@@ -400,7 +400,7 @@ def test_an_offset_or_a_shift_may_be_a_curve_over_its_column(null, table, librar
     z = np.cos(0.5 * np.pi * table["warm"].to_numpy())
     adhesion = PLANTED[acts_on](curve, table["slip_ratio"].to_numpy(), 2.0 * (z - z.mean()))
     now = seen(null, adhesion + noise(draw, correlation=0.5, sigma=0.0025))
-    scores = screen([(now, library)], seed=0)
+    scores = screen([([now], library)], seed=0)
     p = {score.form: score.p for score in scores}
     assert p["covariate:warm", Spline, acts_on] <= rules.SIGNIFICANT
     assert p["covariate:warm", Covariate, acts_on] > 0.1
@@ -416,7 +416,7 @@ def test_a_curve_over_the_bulk_of_a_column_of_long_tails_is_found():
     made = curve(table["slip_ratio"]) * np.exp(0.02 * wave) + noise(draw, correlation=0.5)
     whole = table.drop(columns="gust").assign(adhesion=made)
     null = null_of(alone(whole), within=True)
-    best = screen([(null, library_of(null.fitted.setting.problem))], seed=0)[0]
+    best = screen([([null], library_of(null.fitted.setting.problem))], seed=0)[0]
     assert best.form == ("covariate:wear", Spline, "level")
     assert best.p <= rules.SIGNIFICANT
 
@@ -425,7 +425,7 @@ def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library
     draw = np.random.default_rng(32)
     level = table["place"].map({"a": 1.0, "b": 0.9, "c": 1.08, "d": 0.97}).to_numpy()
     clean = curve(table["slip_ratio"].to_numpy()) * level
-    scores = screen([(seen(null, clean + noise(draw)), library)], seed=0)
+    scores = screen([([seen(null, clean + noise(draw))], library)], seed=0)
     found = [score for score in scores if score.p == 1 / (1 + FLIPS)]
     assert ("covariate:place", Labels, "level") in [score.form for score in found]
     best = max(scores, key=lambda score: score.gains.sum())
@@ -444,7 +444,7 @@ def test_a_column_of_two_names_is_found_as_names_and_one_of_two_numbers_as_a_lin
         library = library_of(null.fitted.setting.problem)
         own = {type(one.starts[0]) for one in library if one.covariates == ("sander",)}
         assert own == {kind}
-        scores = screen([(null, library)], seed=0)
+        scores = screen([([null], library)], seed=0)
         assert scores[0].form == ("covariate:sander", kind, "level")
         assert scores[0].p == 1 / (1 + FLIPS)
 
@@ -458,7 +458,7 @@ def test_a_memory_is_found_where_the_column_alone_is_not_enough(null, table, lib
     for point in range(1, POINTS):
         y[:, point] = kept * y[:, point - 1] + (1 - kept) * gust[:, point]
     clean = curve(table["slip_ratio"].to_numpy()) * np.exp(0.06 * y.ravel())
-    scores = screen([(seen(null, clean + noise(draw)), library)], seed=0)
+    scores = screen([([seen(null, clean + noise(draw))], library)], seed=0)
     best = max(scores, key=lambda score: score.gains.sum())
     assert best.form == ("covariate:gust", Memory, "level")
     assert best.p == 1 / (1 + FLIPS)

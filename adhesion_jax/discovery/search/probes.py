@@ -195,7 +195,7 @@ def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.
     Returns a mask of the probes that can be tested [probes]; the components [points, probes], each
     of length one, zero for the others, in units of the noise.
     """
-    return _beside(null, signals(null, probes))
+    return beside_given(null, signals(null, probes))
 
 
 def of_hidden_curves(null: Null, lag: Lagging) -> np.ndarray:
@@ -207,7 +207,7 @@ def of_hidden_curves(null: Null, lag: Lagging) -> np.ndarray:
     slip = np.asarray(data.slip)
     curves = np.stack([np.sign(slip) * -np.expm1(-rate * np.abs(slip)) for rate in _HIDDEN])
     changes = np.asarray(_lagged(type(lag), vars(lag), curves, data.conditions)) - curves
-    return _beside(null, (null.fitted.setting.root * changes)[:, null.inside].T)[1]
+    return beside_given(null, (null.fitted.setting.root * changes)[:, null.inside].T)[1]
 
 
 @kept(static=(0,))
@@ -223,7 +223,7 @@ def _lagged(
     return jax.vmap(jax.vmap(of_run), in_axes=(0, None))(curves, conditions)
 
 
-def _beside(null: Null, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def beside_given(null: Null, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`directions_of` the changes [points, probes] of a prediction."""
     flat = beside_levels(null, flat)
     before = np.linalg.norm(flat, axis=0)

@@ -69,7 +69,7 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
         return None
     scores = [
         score
-        for score in screen([(null_of(state.fitted), entries)], seed)
+        for score in screen([([null_of(state.fitted)], entries)], seed)
         if score.p <= rules.SIGNIFICANT
     ]
     trials = tried(state.fitted, scores[: rules.TRIED_FORMS])

@@ -13,9 +13,10 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import (
     Null,
-    directions_of,
+    beside_given,
     firsts_of_runs,
     of_hidden_curves,
+    signals,
     split,
     stretches,
 )
@@ -40,7 +41,7 @@ _TAIL, _LEAST_TAIL = 0.005, 1.0
 
 #: A start whose deviate by signs is at most this is not looked at more closely. Of 19,000 starts of
 #: eight searches these were 77 %, and the largest z of any of them was 2.2.
-_ORDINARY = 1.0
+_ORDINARY = 0.5
 
 #: What an entry would gain is worked out if its own p is at most this.
 _SURE = 0.02
@@ -91,11 +92,11 @@ class Score(NamedTuple):
         return self.entry.name, type(self.start), self.entry.acts_on
 
 
-def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Score, ...]:
+def screen(parts: Sequence[tuple[Sequence[Null], Sequence[Entry]]], seed: int) -> tuple[Score, ...]:
     """The best start of each form of an entry, the largest z first.
 
-    Each part are entries with what is given where they are tested; p is adjusted for all parts, and
-    the smallest of a form is taken.
+    Each part are entries with all that is given where they are tested, for one model; p is adjusted
+    for all parts, and the smallest of a form is taken.
 
     With everything given projected out, the probes of a start are made orthonormal, X. The score of
     a run is u_r = X_r' e_r over its points, and b their sum. F is |b|^2 over the variance that the
@@ -113,21 +114,24 @@ def screen(parts: Sequence[tuple[Null, Sequence[Entry]]], seed: int) -> tuple[Sc
     """
     largest = np.full(FLIPS, -np.inf)
     tested: list[Score] = []
-    for null, entries in parts:
+    for nulls, entries in parts:
         starts = [
             (entry, start)
             for entry in entries
             for start in entry.starts
-            if has_room(null.fitted.effects, start)
+            if has_room(nulls[0].fitted.effects, start)
         ]
         for group in _groups(starts):
-            some, of_signs = _tested(null, group, seed)
-            largest = np.maximum(largest, of_signs)
-            tested += some
+            probes, owner = split([start for _, start in group])
+            changes = signals(nulls[0], probes)
+            for null in nulls:
+                some, of_signs = _tested(null, group, probes, owner, changes, seed)
+                largest = np.maximum(largest, of_signs)
+                tested += some
     if not tested:
         return ()
     needed = float(np.quantile(largest, 1 - rules.SIGNIFICANT))
-    runs = parts[0][0].fitted.setting.problem.runs
+    runs = parts[0][0][0].fitted.setting.problem.runs
     scores: dict[Form, Score] = {}
     for one in tested:
         score = one._replace(p=adjusted(one.z, largest, runs), needed=needed)
@@ -153,11 +157,18 @@ def _groups(
 
 
 def _tested(
-    null: Null, starts: Sequence[tuple[Entry, Effect]], seed: int
+    null: Null,
+    starts: Sequence[tuple[Entry, Effect]],
+    probes: list[Effect],
+    owner: np.ndarray,
+    changes: np.ndarray,
+    seed: int,
 ) -> tuple[list[Score], np.ndarray]:
-    """The starts before their p is known, and the largest z of any of them by signs, [FLIPS]."""
-    probes, owner = split([start for _, start in starts])
-    testable, flat = directions_of(null, probes)
+    """The starts before their p is known, and the largest z of any of them by signs, [FLIPS].
+
+    `probes` are those of the starts by their place, `owner`, with their `changes` [points, probes].
+    """
+    testable, flat = beside_given(null, changes)
     blocks, places = [], []
     ends = firsts_of_runs(null.inside)
     for place, (_, start) in enumerate(starts):
@@ -205,7 +216,7 @@ def signed(null: Null, blocks: Sequence[np.ndarray], seed: int) -> tuple[np.ndar
     z = -ndtri(np.clip(chdtrc(counts, own), 1e-300, 1 - 1e-12))
     followed = np.flatnonzero(z > _ORDINARY)
     if followed.size:
-        z[followed] = _deviates_of(null, [blocks[place] for place in followed])
+        z[followed] = _deviates_of(null, [blocks[place] for place in followed.tolist()])
     signs = np.random.default_rng([seed, 11]).choice([-1.0, 1.0], size=(len(pieces), FLIPS))
     squares = pieces.T @ signs
     squares *= squares

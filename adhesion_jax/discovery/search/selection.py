@@ -94,7 +94,7 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     known = {form_of(part) for part in parts_of(state.accepted)}
     new = {form_of(entry.starts[0]): entry for entry in forms}
     tested = [entry for form, entry in new.items() if form not in known]
-    scores = screen([(null, tested) for null in _nulls(state, ())], seed)
+    scores = screen([(_nulls(state, ()), tested)], seed)
     number = state.ranking[-1].round + 1 if state.ranking else 0
     p = max(opinion.p, least_p(problem.runs))
     found = _next(state, scores, rules.SIGNIFICANT, number, seed, p)
@@ -114,14 +114,14 @@ def _nulls(state: Selection, given: Sequence[Effect]) -> list[Null]:
 
 def _parts(
     state: Selection, nulls: Sequence[Null], entries: Sequence[Entry]
-) -> list[tuple[Null, Sequence[Entry]]]:
-    """The entries with what is given where each is tested."""
+) -> list[tuple[Sequence[Null], Sequence[Entry]]]:
+    """The entries with all that is given where they are tested."""
     of_branches = [entry for entry in entries if entry.covariates == ("mode",)]
     of_both = [entry for entry in entries if entry.covariates != ("mode",)]
-    parts: list[tuple[Null, Sequence[Entry]]] = [(null, of_both) for null in nulls]
-    if of_branches:
-        parts.append((null_of(state.fitted, beside(state, entries), True), of_branches))
-    return parts
+    if not of_branches:
+        return [(nulls, of_both)]
+    shared = null_of(state.fitted, beside(state, entries), True)
+    return [(nulls, of_both), ([shared], of_branches)]
 
 
 def beside(state: Selection, entries: Sequence[Entry]) -> list[Effect]:
@@ -171,7 +171,7 @@ def _scanned(
     own = [name for effect in state.accepted for name in effect.covariates]
     columns = [label for label in (*own, *_columns_of(scores)) if label not in _OF_THE_SLIP]
     pairs = _open(surfaces(state.setting.problem, columns[: rules.PAIRED_COLUMNS]), state)
-    joint = screen([(null, pairs) for null in nulls], seed) if pairs else []
+    joint = screen([(nulls, pairs)], seed) if pairs else []
     return [*sorted(lines, key=_by_p), *sorted(joint, key=_by_p)]
 
 
@@ -201,7 +201,7 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
         own = [name for name in problem.columns if label_of(name, problem.measured) in both]
         forms = [form.starts[0] for name in own for form in forms_of_column(name, problem)]
         if pairs := surfaces(problem, entry.covariates, (other,)):
-            parts.append((null_of(chosen.fitted, split(forms)[0]), pairs))
+            parts.append(([null_of(chosen.fitted, split(forms)[0])], pairs))
     scored = [one for one in screen(parts, seed) if one.p <= rules.SCAN_SIGNIFICANT]
     trials = tried(now.fitted, scored[: rules.TRIED_FORMS])
     if not trials:
