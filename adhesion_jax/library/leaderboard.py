@@ -349,7 +349,7 @@ def _costs(
         for name in ("steps", "seconds", "compile_seconds")
     )
     return {
-        "plant_steps": steps,
+        "plant_steps": round(steps),
         "plant_steps_per_cpu_second": steps / cpu_seconds,
         "run_cpu_seconds": cpu_seconds,
         "compile_seconds": compiling,
