@@ -1,5 +1,8 @@
 """The score test of the library: its numbers, its size where nothing is, its power."""
 
+from dataclasses import replace
+
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from discovery_campaigns import (
@@ -26,6 +29,7 @@ from adhesion_jax.discovery.search.probes import (
     null_of,
     signals,
     split,
+    stretches,
 )
 from adhesion_jax.discovery.search.screening import (
     FLIPS,
@@ -34,6 +38,7 @@ from adhesion_jax.discovery.search.screening import (
     least_p,
     orthonormal,
     screen,
+    signed,
 )
 from adhesion_jax.effects import Covariate, Labels, Memory, Spline
 from adhesion_jax.effects.shape import ACTS_ON
@@ -164,6 +169,19 @@ def test_a_direction_is_what_is_given_cannot_explain(null):
         np.testing.assert_allclose(found, left / np.linalg.norm(left), atol=1e-9)
 
 
+def test_a_term_of_several_strengths_is_the_sum_of_what_each_multiplies(null):
+    (start,) = Spline.starts({"gust": null.fitted.setting.problem.flat["gust"]})
+    strengths = start.FACTS.strengths
+    sizes = dict(zip(strengths, np.linspace(-0.03, 0.05, len(strengths)), strict=True))
+    probe = replace(start, **sizes)
+    problem = null.fitted.setting.problem
+    column = problem.data.columns[problem.columns.index("gust")]
+    g = np.asarray(probe.log_factor({"gust": jnp.asarray(column)}))
+    (found,) = signals(null, [probe]).T
+    changed = null.fitted.setting.root * null.changed["level"] * g
+    np.testing.assert_allclose(found, changed[null.inside], rtol=1e-9, atol=1e-12)
+
+
 # ------------------------------------------------------------------------- one direction by hand
 
 
@@ -194,6 +212,26 @@ def check_by_hand(now, entry, rel):
     # Of one form alone, one in a hundred.
     assert score.needed == pytest.approx(stats.norm.isf(0.01), abs=0.1)
     return score
+
+
+def test_what_is_ordinary_under_signs_is_told_by_them_and_all_else_by_its_runs(null):
+    """The limit is a deviate of one half, to a twentieth of it."""
+    start = line("gust").starts[0]
+    block = orthonormal(directions_of(null, [start])[1])
+    draw, firsts = np.random.default_rng(41), stretches(null, 0.0)
+    ordinary, others = [], []
+    for _ in range(400):
+        now = null._replace(residual=beside(null, draw.normal(size=len(block))))
+        (z,), _ = signed(now, [block], 0)
+        sums = np.add.reduceat(block[:, 0] * now.residual, firsts)
+        by_signs = stats.norm.isf(stats.chi2.sf(sums.sum() ** 2 / (sums**2).sum(), 1))
+        is_told = z == pytest.approx(by_signs, abs=1e-9)
+        (ordinary if is_told else others).append(by_signs)
+    assert 0.475 < max(ordinary) <= 0.5 < min(others) < 0.525
+
+
+def beside(null, errors):
+    return errors - null.basis @ (null.basis.T @ errors)
 
 
 def test_runs_alike_are_held_against_students_t():
