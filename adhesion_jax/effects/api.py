@@ -56,8 +56,9 @@ class Form:
 class Effect(eqx.Module):
     """One effect on top of any law: law(slip) becomes after(law(before(slip))).
 
-    ORDER sorts the effects of a law: those that bend the slip are applied first (0), those of the
-    signals last (2). Only effects of order 0 may bend the slip.
+    ORDER sorts the effects of a law: those that bend the slip are applied first (0), then factors
+    on the adhesion (1), what depends on the adhesion that there is (2), and errors of the signals
+    (3). Only effects of order 0 may bend the slip.
 
     Conditions are those of one run in the order of time, arrays [points]; effects that act in
     time need `time_s`. Where `time_s` is absent or a scalar, they are in their steady state.

@@ -129,6 +129,7 @@ class Cleaning(AdhesionTransform, Dynamic):
         one_sided=True,
         rests_on=("slip_ratio", "vehicle_speed_mps", "time_s"),
     )
+    ORDER = 2
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         if not has_history(conditions):

@@ -147,7 +147,7 @@ class Dynamic(Cause):
 class Lagging(AdhesionTransform, Dynamic):
     """A first-order lag of the adhesion, T dmu/dt + mu = mu_steady."""
 
-    ORDER = 2
+    ORDER = 3
 
     @abstractmethod
     def time(self, conditions: Conditions) -> Values | Scalar:

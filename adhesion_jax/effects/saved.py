@@ -19,12 +19,14 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 
 #: Format number of the files of a discovery; a file without one is of format 1.
-FORMAT = 3
+FORMAT = 4
 
-#: The first format with the present formula of each effect that has changed: saved values of an
-#: earlier one would give other adhesions.
-_CHANGED = {"covariate": 2, "product": 2, "spline": 3, "interaction": 3, "surface": 3}
-
+#: The first format with the present formula of each effect that has changed, or with its place
+#: among others: saved values of an earlier one would give other adhesions.
+_CHANGED = {
+    **{"covariate": 2, "product": 2, "spline": 3, "interaction": 3, "surface": 3},
+    **{"contact_heating": 4, "cleaning": 4, "torque_offset": 4},
+}
 
 #: The calendar of a law that does not know of time.
 _NO_TIME = Calendar("run_order", 0.0, 1.0)

@@ -64,6 +64,7 @@ class TorqueOffset(AdhesionTransform):
         same_as=("slip_bias",),
         of_slip_alone=True,
     )
+    ORDER = 3
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         return adhesion + self.offset * jnp.sign(slip)
@@ -87,7 +88,7 @@ class Delay(AdhesionTransform, Dynamic):
         phrase="a delay between the signals",
         family="in time",
     )
-    ORDER = 2
+    ORDER = 3
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         return shifted(adhesion, self.delay, conditions)
@@ -140,7 +141,7 @@ class Inertia(AdhesionTransform, Dynamic):
         phrase="inertia of the wheel",
         family="in time",
     )
-    ORDER = 2
+    ORDER = 3
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         if not has_history(conditions):

@@ -121,6 +121,7 @@ class ContactHeating(AdhesionTransform):
         "speed in m/s",
         phrase="contact heating",
     )
+    ORDER = 2
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         speed = jnp.maximum(conditions["vehicle_speed_mps"], 1e-3)

@@ -195,7 +195,7 @@ def slip_noise(runs: CleanRuns) -> OpenEffect:
 
     def make(amount: float) -> Planted:
         return Planted(
-            3, unchanged, unchanged, lambda slip: slip + amount * noise, {"sigma": amount}
+            4, unchanged, unchanged, lambda slip: slip + amount * noise, {"sigma": amount}
         )
 
     return OpenEffect(make, 0.02)
@@ -210,7 +210,7 @@ def torsion(runs: CleanRuns) -> OpenEffect:
 
     def make(amount: float) -> Planted:
         values = {"amplitude": amount, "frequency_hz": frequency}
-        return Planted(2, unchanged, lambda adhesion: adhesion + amount * wave, unchanged, values)
+        return Planted(3, unchanged, lambda adhesion: adhesion + amount * wave, unchanged, values)
 
     return OpenEffect(make, 0.3)
 

@@ -418,9 +418,7 @@ def test_a_cause_that_a_falling_curve_absorbs_is_found_below_it(cause, seed):
     ("pair", "base"),
     [
         pytest.param(("load_transfer", "curve"), "burckhardt", marks=pytest.mark.thorough),
-        # The heat is that of the curve, as in a law that accepts it first. Of the adhesion that an
-        # axle has it is another law, and then the column of the axles is named and no cause.
-        pytest.param(("contact_heating", "axle_position"), "burckhardt", marks=pytest.mark.slow),
+        pytest.param(("axle_position", "contact_heating"), "burckhardt", marks=pytest.mark.slow),
         pytest.param(("cleaning", "rail_joint"), "kiencke", marks=pytest.mark.slow),
     ],
     ids=lambda given: given if isinstance(given, str) else "+".join(given),

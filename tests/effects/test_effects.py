@@ -202,7 +202,7 @@ def test_everything_is_described(name):
     assert {*kind.FACTS.strengths} <= {*kind.FACTS.parameters} - {*kind.FACTS.references}
     assert {*kind.FACTS.references} <= {*kind.FACTS.parameters}
     assert {*kind.FACTS.needs} <= {*FLAT}
-    assert kind.ORDER in (0, 1, 2)
+    assert kind.ORDER in (0, 1, 2, 3)
     # A term of the curve is told by its function, the others by what they make of the adhesion.
     assert ("g = " if issubclass(kind, ShapeTerm) else "mu") in kind.FACTS.formula
     assert ("{}" in kind.FACTS.phrase) == (name not in EFFECTS)

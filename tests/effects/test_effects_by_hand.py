@@ -1,4 +1,5 @@
 import dataclasses
+from itertools import permutations
 
 import jax.numpy as jnp
 import numpy as np
@@ -66,6 +67,20 @@ def test_effects_of_one_line_are_what_their_formulas_say():
     axles = {"axle": jnp.array([0.0, 2.0, 5.0, 9.0])}
     effect = EFFECTS["axle_position"](0.1, 0.2, 0.3, 0.4, 0.5)
     np.testing.assert_allclose(after(effect, [0.3] * 4, axles), [0.3, 0.36, 0.45, 0.45])
+
+
+def test_heat_is_of_the_adhesion_that_there_is_and_an_offset_is_of_the_signal():
+    # A factor of 1.2, then the heat of what is left, then the offset, in whatever order they were
+    # found.
+    heat, offset = EFFECTS["contact_heating"](k=0.4), EFFECTS["torque_offset"](offset=0.03)
+    axle = EFFECTS["axle_position"](0.2, 0.0, 0.0, 0.0, 0.0)
+    conditions = {"axle": jnp.ones(1), "vehicle_speed_mps": jnp.full(1, 16.0)}
+    slip = jnp.full(1, 0.05)
+    scaled = 1.2 * float(BARE(slip, {})[0])
+    expected = scaled * (1 - 0.4 * scaled * 0.05 * 4) + 0.03
+    for effects in permutations((heat, offset, axle)):
+        found = with_effects(BARE, effects, slip, conditions)
+        assert float(found[0]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_slope_under_load_is_of_the_slip_alone():

@@ -19,7 +19,7 @@ COMMANDS = {
     path.parent.name: import_module(f"experiments.{path.parent.name}.__main__").main
     for path in sorted(FOLDERS)
 }
-COMMANDS["strangers"] = import_module("experiments.strangers").main
+COMMANDS |= {name: import_module(f"experiments.{name}").main for name in ("rules", "strangers")}
 
 every_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
 
