@@ -67,9 +67,10 @@ class RobustCurve(Seeker):
     A misfit is a change where it exceeds sqrt(threshold^2 + 9 s^2), s its root mean square of late:
     on a steep curve noise of slip is a misfit of adhesion. Past the peak the contact drives the
     torsion of an axle, whose slip breaks away and comes back without a change of the rail: where
-    the samples after .15 s lie on the old curve it is taken up again, and v* stays below what it
-    was. As long as adhesion swings v* does not rise, and after .1 s of that nothing is learned
-    until it is over. Where v* is not yet half seen, as while the drive answers late, it stays.
+    the samples from .075 to .15 s later lie on the old curve it is taken up again, and v* stays
+    below what it was. As long as adhesion swings v* does not rise, and after .1 s of that nothing
+    is learned until it is over. Where v* is not yet half seen, as while the drive answers late, it
+    stays.
     """
 
     curve: OffsetCurve
