@@ -82,8 +82,8 @@ class Drift(_Transition):
         references={"reference": "campaign_time"},
         needs=("campaign_time",),
         sentence="Adhesion changes over the campaign: slowly, in a step, or levelling off.",
-        formula="mu (1 + k (s(t) - s(t0))), s(t) = tanh((t - c)/w), t from 0 to 1 over the "
-        "campaign",
+        formula="mu (1 + k (s(t) - s(t0))), s(t) = tanh((t - c)/w)/tanh(1/w), t from 0 to 1 "
+        "over the campaign",
         phrase="a drift over the campaign",
         family="calendar",
         same_as=("covariate:time_s", "covariate:campaign_time"),
