@@ -34,9 +34,29 @@ _MOST_LABELS = 40
 _LARGEST = 1e100
 
 
+class _Column:
+    """The values of a column in one array that grows: what is not filled takes no memory."""
+
+    def __init__(self) -> None:
+        self._room, self._filled = np.empty(0), 0
+
+    def append(self, values: np.ndarray) -> None:
+        end = self._filled + values.size
+        if end > self._room.size:
+            room = np.empty(max(end, 2 * self._room.size))
+            room[: self._filled] = self.values
+            self._room = room
+        self._room[self._filled : end] = values
+        self._filled = end
+
+    @property
+    def values(self) -> np.ndarray:
+        return self._room[: self._filled]
+
+
 def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float], None]) -> Rows:
     """Reads all cells of the columns that are taken; `progress` is told the share of the file."""
-    columns: dict[str, list[np.ndarray]] = {n.name: [] for n in taken if n.name not in LABELS}
+    columns = {one.name: _Column() for one in taken if one.name not in LABELS}
     labels: dict[str, list[pyarrow.Array]] = {n.name: [] for n in taken if n.name in LABELS}
     texts: dict[str, tuple[int, str]] = {}
     origin: int | None = None
@@ -68,15 +88,13 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
                 first = _text_fault(first_row + place, one.column, cells[place].as_py())
                 count, first = texts.get(one.name, (0, first))
                 texts[one.name] = count + text.size, first
-            columns[one.name].append(np.array(values))  # not the memory of the block
+            columns[one.name].append(values)
         first_row += len(next(iter(block.values()), ()))
         progress("reading", share)
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
-    found, named = {}, {}
-    for name in [*columns]:  # one after the other, so that one column alone is held twice
-        found[name] = np.concatenate([np.empty(0), *columns.pop(name)])
+    found, named = {name: column.values for name, column in columns.items()}, {}
     for name, blocks in labels.items():
         kind = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
         whole = pyarrow.chunked_array(blocks, kind).unify_dictionaries().combine_chunks()

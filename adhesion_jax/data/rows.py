@@ -150,17 +150,17 @@ class Rows:
             return
         time = self.numbers["time_s"]
         timed = ~np.isnan(time)
-        moved, of_those, parted = going_on(time[timed], self.series[timed])
+        where = slice(None) if timed.all() else timed  # of all rows a view, which takes no memory
+        moved, of_those, parted = going_on(time[where], self.series[where])
         lost, cuts = np.zeros((2, time.size), bool)
-        lost[timed], cuts[timed] = ~of_those, parted
+        lost[where], cuts[where] = ~of_those, parted
         count, first = int(cuts.sum()), self.index[int((lost | cuts).argmax())]
         if int(lost.sum()) + count > MOST * np.count_nonzero(timed):
             raise InputError(
                 f"column {column} decreases all the time, first in row {first} (sort each run by "
                 "time, and number the runs in a column run)"
             )
-        self.numbers["time_s"] = time.copy()
-        self.numbers["time_s"][timed] = moved
+        time[where] = moved
         first = self.index[int(lost.argmax())]
         back = "the clock steps back, until it shows again what it showed before; the first is row"
         self.tell(lost, f"{back} {first}")

@@ -5,7 +5,10 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.discovery.search import rules
-from experiments.rules import TIMES, VALUES, Watched, _as_rules, _times, table
+from adhesion_jax.library.discover import discover
+from adhesion_jax.report.discovery.words import verdict
+from experiments.rules import VALUES, Watched, one_set, replaced, table
+from experiments.stranger_sets import stranger
 
 
 @pytest.mark.parametrize(
@@ -38,34 +41,31 @@ def test_a_product_of_rules_is_watched_for_each():
 
 
 def test_rules_are_as_they_were_after_a_study_that_failed():
-    with pytest.raises(ValueError, match="stop"), _as_rules(TRIED_FORMS=1, SURE_ERRORS=9.0):
+    with pytest.raises(ValueError, match="stop"), replaced({"TRIED_FORMS": 1, "SURE_ERRORS": 9.0}):
         assert rules.TRIED_FORMS == 1
         assert rules.SURE_ERRORS == 9.0
         raise ValueError("stop")
     assert {name: getattr(rules, name) for name in VALUES} == VALUES
 
 
-def test_whole_numbers_stay_whole_and_above_zero():
-    assert all(type(_times(name, 0.5)) is type(value) for name, value in VALUES.items())
-    assert all(_times(name, times) > 0 for name in VALUES for times in TIMES)
+@pytest.mark.slow
+def test_a_rule_that_decides_in_no_comparison_changes_no_report():
+    task = (3, 1, False)
+    decided, made = one_set(task), stranger(*task)
+    plain = discover(made.train, made.test, seed=task[1]).findings
+    idle = {name for name in VALUES if not decided[f"{name} x 2"]}
+    assert "SIGNIFICANT" not in idle
+    with replaced({name: 2 * VALUES[name] for name in idle}):
+        again = discover(made.train, made.test, seed=task[1]).findings
+    assert verdict(again) == verdict(plain)
+    assert str(again.ranking) == str(plain.ranking)
 
 
-def test_only_sets_in_which_a_rule_decides_are_counted():
-    found = {"": ([1, 0, 2], [0, 0, 0], [1.0, 1.0, 1.0], ["a", "b", "c"])}
-    nothing = ([None] * 3, [None] * 3, [np.nan] * 3, [None] * 3)
-    found |= {f"{name} x {times:g} ": nothing for name in VALUES for times in TIMES}
-    found["TRIED_FORMS x 0.5 "] = ([0, None, 2], [1, None, 0], [1.1, np.nan, 0.9], ["d", None, "c"])
-    whats = ("named", "wrong", "after", "words")
-    sets = pd.DataFrame(
-        {
-            variant + what: pd.Series(column, dtype=object if what == "words" else float)
-            for variant, columns in found.items()
-            for what, column in zip(whats, columns, strict=True)
-        }
-    )
-    counts = table(sets).set_index(["rule", "times"])
-    own = counts.loc[("TRIED_FORMS", 0.5)]
-    assert own.drop("value").to_dict() == {
-        "decides": 2, "words": 1, "named": -1, "wrong": 1, "better": 1, "worse": 1,
+def test_the_sets_in_which_a_rule_decides_are_counted():
+    every = {f"{name} x {times}": [False] * 3 for name in VALUES for times in ("0.5", "2")}
+    sets = pd.DataFrame(every | {"MOST_PARTS x 0.5": [True, False, True]})
+    counts = table(sets).set_index("rule")
+    assert counts.loc["MOST_PARTS"].to_dict() == {
+        "value": rules.MOST_PARTS, "sets": 3, "halved": 2, "doubled": 0,
     }  # fmt: skip
-    assert not counts.drop(columns="value").drop(("TRIED_FORMS", 0.5)).to_numpy().any()
+    assert not counts.drop("MOST_PARTS")[["halved", "doubled"]].to_numpy().any()
