@@ -1,4 +1,4 @@
-"""`python -m experiments.rules`: in how many campaigns each number of the discovery's rules decides.
+"""`python -m experiments.rules`: in how many campaigns each rule of the discovery decides.
 
 A rule decides in a campaign of `experiments.strangers` if any comparison of its search would turn
 out otherwise were the rule half or twice as large. Where none does, the report is the same.
@@ -39,11 +39,17 @@ class Watched(float):
 
     __array_ufunc__ = None  # so that arrays leave products and comparisons to this class
 
-    def __new__(cls, value: float, note: Callable[[str, float], None], *names: str) -> "Watched":
-        return super().__new__(cls, value)
+    plain: Any  # the rule itself, whole or not
+    note: Callable[[str, float], None]  # called with the name of a rule and the factor
+    names: tuple[str, ...]
 
-    def __init__(self, value: float, note: Callable[[str, float], None], *names: str) -> None:
-        self.plain, self.note, self.names = value, note, names
+    @classmethod
+    def of(
+        cls, value: Any, note: Callable[[str, float], None], names: tuple[str, ...]
+    ) -> "Watched":
+        one = cls(value)
+        one.plain, one.note, one.names = value, note, names
+        return one
 
     def _compared(self, holds: Callable[[Any], Any]) -> Any:
         now = holds(self.plain)
@@ -57,7 +63,7 @@ class Watched(float):
             for one in times:
                 self.note(name, one)
 
-    def _otherwise(self) -> float:
+    def _otherwise(self) -> Any:
         """The number itself, for a use that is no comparison."""
         self._used(*TIMES)
         return self.plain
@@ -78,7 +84,7 @@ class Watched(float):
         if isinstance(other, np.ndarray):
             return self._otherwise() * other
         more = other.names if isinstance(other, Watched) else ()
-        return Watched(self.plain * float(other), self.note, *self.names, *more)
+        return Watched.of(self.plain * _plain(other), self.note, (*self.names, *more))
 
     __rmul__ = __mul__
 
@@ -106,7 +112,7 @@ def _plain(value: Any) -> Any:
 
 
 @contextmanager
-def replaced(values: Mapping[str, float]) -> Iterator[None]:
+def replaced(values: Mapping[str, Any]) -> Iterator[None]:
     """Other values of some rules for the time being."""
     for name, value in values.items():
         setattr(rules, name, value)
@@ -122,7 +128,8 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
     """Which rules decide in a campaign, told by seed, number, and whether nothing is hidden."""
     made, noted = stranger(*task), set[tuple[str, float]]()
     watched = {
-        name: Watched(value, lambda *one: noted.add(one), name) for name, value in VALUES.items()
+        name: Watched.of(value, lambda *one: noted.add(one), (name,))
+        for name, value in VALUES.items()
     }
     with replaced(watched):
         verdict(discover(made.train, made.test, seed=task[1]).findings)

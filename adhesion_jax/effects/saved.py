@@ -23,10 +23,9 @@ FORMAT = 4
 
 #: The first format with the present formula of each effect that has changed, or with its place
 #: among others: saved values of an earlier one would give other adhesions.
-_CHANGED = {
-    **{"covariate": 2, "product": 2, "spline": 3, "interaction": 3, "surface": 3},
-    **{"contact_heating": 4, "cleaning": 4, "torque_offset": 4},
-}
+_CHANGED = dict.fromkeys(("covariate", "product"), 2)
+_CHANGED |= dict.fromkeys(("spline", "interaction", "surface"), 3)
+_CHANGED |= dict.fromkeys(("contact_heating", "cleaning", "torque_offset"), 4)
 
 #: The calendar of a law that does not know of time.
 _NO_TIME = Calendar("run_order", 0.0, 1.0)
@@ -138,8 +137,8 @@ def _check_format(saved: Mapping[str, Any], source: str) -> None:
     if changed:
         raise InputError(
             f"{source} is a law of format {written} with {' and '.join(changed)}, which this "
-            "version does not know or has with another formula; find the effects again with "
-            "adhesion discover of this version."
+            "version does not know, or has with another formula or place among the others; find "
+            "the effects again with adhesion discover of this version."
         )
 
 

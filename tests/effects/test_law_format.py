@@ -28,11 +28,11 @@ def saved(folder, **changes):
     return path
 
 
-def test_a_law_is_saved_in_format_three(tmp_path):
-    assert json.loads(saved(tmp_path).read_text())["format"] == 3
+def test_a_law_is_saved_in_format_four(tmp_path):
+    assert json.loads(saved(tmp_path).read_text())["format"] == 4
 
 
-@pytest.mark.parametrize("written", [None, 1, 2, 3])
+@pytest.mark.parametrize("written", [None, 1, 2, 3, 4])
 def test_a_law_of_an_older_format_is_read(tmp_path, written):
     read = load_law(saved(tmp_path, format=written))
     curve, factor = (
@@ -61,8 +61,8 @@ def test_effects_whose_formula_has_changed_are_refused_in_format_one(tmp_path, w
         load_law(path)
     assert str(refused.value) == (
         f"{path} is a law of format 1 with slip_noise and covariate, which this version does "
-        "not know or has with another formula; find the effects again with adhesion discover of "
-        "this version."
+        "not know, or has with another formula or place among the others; find the effects again "
+        "with adhesion discover of this version."
     )
 
 
@@ -72,12 +72,27 @@ def test_a_spline_over_the_range_of_a_column_is_refused(tmp_path):
         load_law(saved(tmp_path, format=2, effects=[{**spline, "column": "wind_mps"}]))
 
 
+@pytest.mark.parametrize(
+    "effect",
+    [
+        {"name": "contact_heating", "k": 0.1},
+        {"name": "cleaning", "k": 0.1, "work": 1.0, "load_power": 1.0},
+        {"name": "torque_offset", "offset": 0.01},
+    ],
+    ids=lambda effect: effect["name"],
+)
+def test_what_has_another_place_among_the_effects_now_is_refused(effect, tmp_path):
+    assert len(load_law(saved(tmp_path, format=4, effects=[effect])).effects) == 1
+    with pytest.raises(InputError, match=f"a law of format 3 with {effect['name']}, which this"):
+        load_law(saved(tmp_path, format=3, effects=[effect]))
+
+
 def test_a_newer_format_is_refused(tmp_path):
-    path = saved(tmp_path, format=4)
+    path = saved(tmp_path, format=5)
     with pytest.raises(InputError) as refused:
         load_law(path)
     assert str(refused.value) == (
-        f"{path} is a law of format 4, and this version reads up to 3; use the version that "
+        f"{path} is a law of format 5, and this version reads up to 4; use the version that "
         "saved it, or a newer one."
     )
 

@@ -158,14 +158,32 @@ def test_a_step_that_cannot_be_one_function_has_the_same_numbers():
 
 @pytest.mark.clock
 @pytest.mark.parametrize("name", ["riv", "rls-kiencke", "qp-qian2024-1", "bank-kiencke"])
-def test_a_sample_takes_fifty_microseconds_at_most(name):
+def test_a_sample_takes_five_times_as_long_as_a_program_without_work_at_most(name):
+    """A ratio, since processors differ: it is 45 microseconds where a sample of riv takes 25."""
     online, generator = aj.online(name, a0=40.0), np.random.default_rng(0)
     slips = generator.uniform(0.0, 0.2, 2000).tolist()
     curve = [40 * s / (1 + 31 * s + 100 * s**2) + 0.01 * generator.normal() for s in slips]
-    best = math.inf
+    idle = without_work()
+    best = {online.update: math.inf, idle: math.inf}
     for _ in range(5):
-        began = time.perf_counter()
-        for slip, adhesion in zip(slips, curve, strict=True):
-            online.update(slip, adhesion)
-        best = min(best, (time.perf_counter() - began) / len(slips))
-    assert best < 50e-6
+        for update in best:  # by turns, for a processor has slow moments
+            began = time.perf_counter()
+            for slip, adhesion in zip(slips, curve, strict=True):
+                update(slip, adhesion)
+            best[update] = min(best[update], time.perf_counter() - began)
+    assert best[online.update] < 5 * best[idle]
+
+
+def without_work():
+    """What takes a sample and gives six numbers, as `update` does, by a program of two lines."""
+    with jax.enable_x64(True):
+        state = jnp.zeros(100)
+        lowered = jax.jit(lambda both: (both[0] + both[1][0], both[0][:6])).lower
+        program = lowered([state, np.zeros(2)]).compile()
+
+    def update(slip, adhesion):
+        with jax.enable_x64(True):
+            _, told = program([state, np.array((float(slip), float(adhesion)))])
+        return np.asarray(told).tolist()
+
+    return update

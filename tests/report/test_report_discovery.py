@@ -139,7 +139,7 @@ def test_json_is_plain_and_keeps_its_contract(written, name):
     assert json.loads((written[name] / "report.json").read_text()) == report
     keys = "format base noise_floor rmse effects unexplained doubts second_opinion warnings"
     assert list(report) == keys.split()
-    assert report["format"] == 3
+    assert report["format"] == 4
     assert list(report["rmse"]) == ["train", "test"] if findings.test else ["train"]
     assert all(list(pair) == ["before", "after"] for pair in report["rmse"].values())
     keys = ["name", "candidates", "covariates", "acts_on", "parameters", "p_adjusted", "rmse_after"]
