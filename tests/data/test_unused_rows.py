@@ -103,7 +103,9 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_rows_of_no_use_are_left_out_counted_and_told(case):
     table, left_out, says = CASES[case]
+    given = table.copy()
     found = to_measured("log", table)
+    pd.testing.assert_frame_equal(table, given)  # what a caller hands over stays as it is
     assert {*range(len(table))} - {*found.table.index} == {*left_out}
     assert says in " ".join(found.notes)
     true = table["wheel_speed_mps" if "wheel_speed_mps" in table else "slip_ratio"]
