@@ -13,6 +13,7 @@ from adhesion_jax.discovery.engine import discover
 from adhesion_jax.effects.saved import load_law, save_law
 from adhesion_jax.errors import InputError
 from experiments.campaigns.simulator import SetNoise, simulate
+from experiments.discovery_study.one_log import one_log
 
 
 def more(*seeds):
@@ -385,6 +386,16 @@ def test_a_cause_in_words_is_found_and_a_column_computed_from_adhesion_is_left_o
     bare = np.asarray(found.law.curve(slip, {}))[0]
     assert strange == pytest.approx(bare, rel=1e-9)
     assert third / first == pytest.approx(1.08, abs=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3000210, 3000212, 3000214, 3000216])
+def test_noise_of_a_wheel_speed_is_not_taken_for_a_lag(seed):
+    """A lag of the adhesion smooths the slip, and so predicts better where the slip is noisy."""
+    kinds = {"wheel_speed_noise": 0.01, "autocorrelation": 0.4, "runs": 28, "points": 200}
+    found = discover(runs_of(one_log(seed=seed, **kinds).train), seed=seed)
+    assert {effect.name for effect in found.effects} == {"slip_noise"}
+    assert found.unexplained == ()
 
 
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):

@@ -113,21 +113,35 @@ def test_smoothing_a_slip_that_is_noisy_is_given_and_a_memory_of_it_is_not(table
     fitted = alone(table.assign(slip_ratio=rough, adhesion=curve(rough) + noise(draw)))
     setting, rough = fitted.setting, rough.to_numpy().reshape(RUNS, POINTS)
     slope = TRUE[0] * TRUE[1] * np.exp(-TRUE[1] * np.abs(rough)) - TRUE[2]
-    # At the ends of a run a point stands in for the neighbour that it lacks.
-    ahead = np.append(rough[:, 1:], rough[:, -1:], axis=1) - rough
-    before = np.append(rough[:, :1], rough[:, :-1], axis=1) - rough
+    places = np.arange(POINTS)
+
+    def beside(signal, k):
+        """What the signal was k points before, or is -k points ahead, less what it is.
+
+        At the ends of a run the last point stands in for the neighbour that it lacks.
+        """
+        return signal[:, np.clip(places - k, 0, POINTS - 1)] - signal
 
     def left(spread, change):
         whole = np.full(setting.root.shape, spread)
         null = null_of(fitted._replace(setting=setting._replace(spread=whole)))
-        flat = setting.root[null.inside] * (slope * change).ravel()
+        flat = setting.root[null.inside] * change.ravel()
         flat = beside_levels(null, flat[:, None])[:, 0]
         kept = flat - null.basis @ (null.basis.T @ flat)
         return np.linalg.norm(kept) / np.linalg.norm(flat)
 
+    ahead, before = (slope * beside(rough, k) for k in (-1, 1))
     assert left(0.0, ahead + before) > 0.5
     assert left(1e-3, ahead + before) < 0.1
     assert left(1e-3, before) > 0.4
+    # A mean whose weights fall over many neighbours, and those of the prediction itself, which is
+    # not linear in a noisy slip.
+    long = sum(np.exp(-k / 9) * (beside(rough, k) + beside(rough, -k)) for k in range(1, 50))
+    assert left(1e-3, slope * long) < 0.1
+    predicted = np.asarray(fitted.adhesion)[:RUNS, :POINTS]
+    for k in (1, 2):
+        assert left(1e-3, beside(predicted, k) + beside(predicted, -k)) < 0.1
+    assert left(1e-3, beside(predicted, 1)) > 0.4
 
 
 def test_a_column_that_is_constant_within_runs_may_bend(library):

@@ -28,8 +28,8 @@ _NUDGE = 1e-4
 #: Knots of the functions of the slip that are given in a test, and points for each of them.
 _KNOTS, _POINTS_A_KNOT = 16, 20
 
-#: Neighbours before and after a point by whose mean its slip may be smoothed.
-_NEIGHBOURS = 4
+#: How many neighbours before and after a point may smooth its slip.
+_REACHES = (1, 2, 4, 8, 16, 32, 64, 128)
 
 #: About this number of stretches of all runs have signs of their own; those that take the place of
 #: the runs are at least this number of times as long as the noise remembers.
@@ -171,22 +171,28 @@ def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
 def _of_slip_noise(null: Null) -> np.ndarray:
     """What smoothing the slip would change where it is noisy, in units of the noise.
 
-    To first order any symmetric mean of neighbours in time is the slip with a sum of the second
-    differences l(i - k) - 2 l(i) + l(i + k) on top. Adhesion follows such a mean where white noise
-    is on the measured slip. A memory is told from it by what came before a point alone.
+    Adhesion follows a symmetric mean of neighbours in time where white noise is on the measured
+    slip. To first order such a mean of the slip changes the prediction by its slope times second
+    differences l(i - k) - 2 l(i) + l(i + k), and a mean of the prediction by those of itself: the
+    slope is that at a noisy slip, so that where the curve bends the one does not tell the other.
+    They are added up over k to each of _REACHES, which tells means that fall with k in any way. A
+    memory differs from all of them by what came before a point alone.
     Returns [points, differences].
     """
     setting = null.fitted.setting
     if not setting.problem.in_time or not setting.spread.any():
         return np.zeros((int(null.inside.sum()), 0))
-    slip = np.asarray(setting.problem.data.slip)
+    slip, slope = np.asarray(setting.problem.data.slip), null.changed["shift"]
     points = np.arange(slip.shape[1])
-    slope = setting.root * null.changed["shift"]
-    differences = [
-        slip[:, np.maximum(points - k, 0)] - 2 * slip + slip[:, np.minimum(points + k, points[-1])]
-        for k in range(1, _NEIGHBOURS + 1)
-    ]
-    return np.stack([(slope * one)[null.inside] for one in differences], axis=1)
+    found = []
+    for signal, scale in ((slip, slope), (null.fitted.adhesion, 1.0)):
+        added = np.zeros_like(slip)
+        for k in range(1, min(_REACHES[-1], int(points[-1])) + 1):
+            before, after = np.maximum(points - k, 0), np.minimum(points + k, points[-1])
+            added = added + signal[:, before] - 2 * signal + signal[:, after]
+            if k in _REACHES:
+                found.append((setting.root * scale * added)[null.inside] / k)
+    return np.stack(found, axis=1)
 
 
 def directions_of(null: Null, probes: Sequence[Effect]) -> tuple[np.ndarray, np.ndarray]:
