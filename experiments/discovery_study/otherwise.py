@@ -170,7 +170,7 @@ def relaxation(runs: CleanRuns) -> OpenEffect:
     """The length shrinks as the contact slides: s/(1 + |l|/.05)."""
     share = 1 / (1 + np.abs(runs.slip) / 0.05) / speed_of(runs)
     return OpenEffect(
-        lambda a: planted(a, 2, after=lambda adhesion: lagged(runs, adhesion, a * share)), 90.0
+        lambda a: planted(a, 3, after=lambda adhesion: lagged(runs, adhesion, a * share)), 90.0
     )
 
 
@@ -183,7 +183,7 @@ def delay(runs: CleanRuns) -> OpenEffect:
         each = zip(clock - amount * spread, clock, adhesion, strict=True)
         return np.stack([np.interp(*run) for run in each])
 
-    return OpenEffect(lambda a: planted(a, 2, after=lambda adhesion: late(adhesion, a)), 4.0)
+    return OpenEffect(lambda a: planted(a, 3, after=lambda adhesion: late(adhesion, a)), 4.0)
 
 
 def lag(runs: CleanRuns) -> OpenEffect:
@@ -192,7 +192,7 @@ def lag(runs: CleanRuns) -> OpenEffect:
     def twice(adhesion: np.ndarray, amount: float) -> np.ndarray:
         return lagged(runs, lagged(runs, adhesion, amount / 2), amount / 2)
 
-    return OpenEffect(lambda a: planted(a, 2, after=lambda adhesion: twice(adhesion, a)), 10.0)
+    return OpenEffect(lambda a: planted(a, 3, after=lambda adhesion: twice(adhesion, a)), 10.0)
 
 
 def slip_bias(_: CleanRuns) -> OpenEffect:
@@ -207,13 +207,13 @@ def slip_bias(_: CleanRuns) -> OpenEffect:
 def torque_offset(runs: CleanRuns) -> OpenEffect:
     """Mu + a (1 + .3 V/15) sign(l): friction in the bearings grows with the speed."""
     loss = (1 + 0.3 * speed_of(runs) / 15) * np.sign(runs.slip)
-    return OpenEffect(lambda a: planted(a, 1, after=lambda adhesion: adhesion + a * loss), 0.3)
+    return OpenEffect(lambda a: planted(a, 3, after=lambda adhesion: adhesion + a * loss), 0.3)
 
 
 def inertia(runs: CleanRuns) -> OpenEffect:
     """The acceleration has passed a filter of .15 s."""
     filtered = lagged(runs, rate(runs, speed_of(runs) * (1 + runs.slip)), 0.15)
-    return OpenEffect(lambda a: planted(a, 2, after=lambda adhesion: adhesion + a * filtered), 0.9)
+    return OpenEffect(lambda a: planted(a, 3, after=lambda adhesion: adhesion + a * filtered), 0.9)
 
 
 def product(runs: CleanRuns) -> OpenEffect:

@@ -496,18 +496,20 @@ def test_every_other_cause_leaves_the_slip_signal_as_it_is(name):
         np.testing.assert_array_equal(plan.make(0.05).measured(SLIP), SLIP)
 
 
-#: The orders in which causes act, where they are not those of a factor: 1.
+#: The orders in which causes act by both forms, where they are not those of a factor: 1. In the
+#: other form heating and cleaning are factors that do not depend on the adhesion.
 ORDERS = {
-    **dict.fromkeys(("load_slope", "slip_bias", "lateral_creep"), 0),
-    **dict.fromkeys(("relaxation", "delay", "lag", "inertia", "torsion"), 2),
-    "slip_noise": 3,
+    **dict.fromkeys(("load_slope", "slip_bias", "lateral_creep"), (0,)),
+    **dict.fromkeys(("contact_heating", "cleaning"), (1, 2)),
+    **dict.fromkeys(("relaxation", "delay", "lag", "inertia", "torque_offset", "torsion"), (3,)),
+    "slip_noise": (4,),
 }
 
 
 @pytest.mark.parametrize("name", PLANTABLE)
 def test_what_bends_the_slip_acts_first_and_what_is_in_the_signals_last(name):
     orders = {plan.make(0.05).order for plan in (by_its_formula(name), otherwise(name))}
-    assert orders == {ORDERS.get(name, 1)}
+    assert orders == {*ORDERS.get(name, (1,))}
 
 
 # ------------------------------------------------------------------- filters, against scipy.signal
