@@ -19,9 +19,9 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.files import write_table
 from adhesion_jax.library.discover import discover
 from adhesion_jax.report.discovery.words import verdict
-from experiments import stranger_sets
 from experiments.stranger_sets import stranger
-from experiments.study import Study, conduct, sized
+from experiments.strangers import study_of
+from experiments.study import conduct, sized
 
 OWN_FILES = ("sets.csv", "rules.csv", "rules.png", "metadata.json")
 
@@ -176,9 +176,7 @@ SIZES = {"sets": (100, "Sets with a cause."), "nulls": (100, "Sets without one."
 def main(sets: int, nulls: int, seed: int, workers: int, resume: bool, out: Path) -> None:
     """Count in how many campaigns each rule of the discovery decides."""
     start()
-    tasks = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
-    sizes = {"sets": sets, "nulls": nulls, "seed": seed}
-    study = Study(tasks, one_set, sizes, {}, [Path(__file__), Path(stranger_sets.__file__)])
+    study = study_of(one_set, Path(__file__), sets, nulls, seed)
     conduct(study, out, OWN_FILES, workers, resume, written)
 
 

@@ -1,7 +1,7 @@
 """`python -m experiments.strangers`: how often the discovery is right on campaigns of strangers."""
 
 import time
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 
 import numpy as np
@@ -262,10 +262,21 @@ SIZES = {"sets": (200, "Sets with a cause."), "nulls": (400, "Sets without one."
 def main(sets: int, nulls: int, seed: int, workers: int, resume: bool, out: Path) -> None:
     """Run the discovery on campaigns of a generator that shares no code with it."""
     start()
+    study = study_of(one_set, Path(__file__), sets, nulls, seed)
+    conduct(study, out, OWN_FILES, workers, resume, written)
+
+
+def study_of(
+    row: Callable[[tuple[int, int, bool]], Mapping[str, object]],
+    source: Path,
+    sets: int,
+    nulls: int,
+    seed: int,
+) -> Study:
+    """A study of campaigns of strangers: first those without a cause, then those with one."""
     tasks = [(seed, n, True) for n in range(nulls)] + [(seed, n, False) for n in range(sets)]
     sizes = {"sets": sets, "nulls": nulls, "seed": seed}
-    study = Study(tasks, one_set, sizes, {}, [Path(__file__), Path(stranger_sets.__file__)])
-    conduct(study, out, OWN_FILES, workers, resume, written)
+    return Study(tasks, row, sizes, {}, [source, Path(stranger_sets.__file__)])
 
 
 def written(sets: pd.DataFrame, folder: Path) -> str:

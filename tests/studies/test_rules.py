@@ -1,5 +1,7 @@
 """The study of the rules: what is watched, what is changed, and what is counted of it."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -65,6 +67,16 @@ def test_a_rule_that_decides_in_no_comparison_changes_no_report():
         again = discover(made.train, made.test, seed=task[1]).findings
     assert verdict(again) == verdict(plain)
     assert str(again.ranking) == str(plain.ranking)
+
+
+def test_the_page_tells_what_the_table_of_the_rules_has():
+    results = Path(__file__).parents[2] / "results"
+    found = pd.read_csv(results / "discovery_rules.csv").set_index("rule")
+    assert found["value"].to_dict() == VALUES
+    idle = int((found[["halved", "doubled"]].sum(axis=1) == 0).sum())
+    (sets,) = {*found["sets"]}
+    page = " ".join((results.parent / "docs" / "discovery.md").read_text("utf-8").split())
+    assert f"of {sets} in none by {idle} of the {len(VALUES)}" in page
 
 
 def test_the_sets_in_which_a_rule_decides_are_counted():
