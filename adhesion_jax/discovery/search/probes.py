@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from adhesion_jax.curves import Scalar
@@ -86,7 +87,7 @@ def null_of(
             if shared
             else fitted.jacobian[:, inside].T,
             _of_slip(fitted, inside, shared),
-            _of_slip_noise(plain),
+            _of_smoothing(plain, fitted.setting.problem.data.slip, root * changed["shift"]),
             # A constant in the place of a term is another curve, and no effect of a column.
             np.stack([(root * change)[inside] for change in changed.values()], axis=1),
             signals(plain, beside),
@@ -138,6 +139,24 @@ def _memory(errors: Sequence[np.ndarray]) -> float:
     return 1 + 2 * float(correlations[1:last].sum())
 
 
+def beside_smoothing(null: Null) -> Null:
+    """The null with what smoothing the prediction would change given too, where the slip is noisy.
+
+    The slope is that at a noisy slip. Where the curve bends, what smoothing the slip would change
+    does therefore not tell what a memory gains that smooths the prediction.
+    """
+    flat = _of_smoothing(null, null.fitted.adhesion, null.fitted.setting.root)
+    if not flat.size:
+        return null
+    size = np.linalg.norm(flat, axis=0)
+    flat = beside_levels(null, flat[:, size > 0] / size[size > 0])
+    flat = flat - null.basis @ (null.basis.T @ flat)
+    left, values, _ = np.linalg.svd(flat, full_matrices=False)
+    more = left[:, values > _OWN]
+    residual = null.residual - more @ (more.T @ null.residual)
+    return null._replace(basis=np.concatenate([null.basis, more], axis=1), residual=residual)
+
+
 def beside_levels(null: Null, flat: np.ndarray) -> np.ndarray:
     """Columns [points, columns] times the root of the inverse covariance of levels that scatter."""
     firsts = firsts_of_runs(null.inside)
@@ -168,30 +187,26 @@ def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
     return np.concatenate([np.zeros((slip.size, 0)), *found], axis=1)
 
 
-def _of_slip_noise(null: Null) -> np.ndarray:
-    """What smoothing the slip would change where it is noisy, in units of the noise.
+def _of_smoothing(null: Null, signal: ArrayLike, per: np.ndarray) -> np.ndarray:
+    """What smoothing a signal would change where the slip is noisy, [points, differences].
 
     Adhesion follows a symmetric mean of neighbours in time where white noise is on the measured
-    slip. To first order such a mean of the slip changes the prediction by its slope times second
-    differences l(i - k) - 2 l(i) + l(i + k), and a mean of the prediction by those of itself: the
-    slope is that at a noisy slip, so that where the curve bends the one does not tell the other.
-    They are added up over k to each of _REACHES, which tells means that fall with k in any way. A
-    memory differs from all of them by what came before a point alone.
-    Returns [points, differences].
+    slip. Such a mean changes a signal s by second differences s(i - k) - 2 s(i) + s(i + k), which
+    change the prediction, in units of its noise, by `per`. They are added up over k to each of
+    _REACHES, which tells means that fall with k in any way. A memory differs from all of them by
+    what came before a point alone.
     """
     setting = null.fitted.setting
     if not setting.problem.in_time or not setting.spread.any():
         return np.zeros((int(null.inside.sum()), 0))
-    slip, slope = np.asarray(setting.problem.data.slip), null.changed["shift"]
-    points = np.arange(slip.shape[1])
-    found = []
-    for signal, scale in ((slip, slope), (null.fitted.adhesion, 1.0)):
-        added = np.zeros_like(slip)
-        for k in range(1, min(_REACHES[-1], int(points[-1])) + 1):
-            before, after = np.maximum(points - k, 0), np.minimum(points + k, points[-1])
-            added = added + signal[:, before] - 2 * signal + signal[:, after]
-            if k in _REACHES:
-                found.append((setting.root * scale * added)[null.inside] / k)
+    signal = np.asarray(signal)
+    points = np.arange(signal.shape[1])
+    found, added = [], np.zeros_like(signal)
+    for k in range(1, min(_REACHES[-1], int(points[-1])) + 1):
+        before, after = np.maximum(points - k, 0), np.minimum(points + k, points[-1])
+        added = added + signal[:, before] - 2 * signal + signal[:, after]
+        if k in _REACHES:
+            found.append((per * added)[null.inside] / k)
     return np.stack(found, axis=1)
 
 

@@ -8,7 +8,7 @@ from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column, surfaces
-from adhesion_jax.discovery.search.probes import Null, null_of, split
+from adhesion_jax.discovery.search.probes import Null, beside_smoothing, null_of, split
 from adhesion_jax.discovery.search.refinement import fitted_start, form_of, pruned, refined
 from adhesion_jax.discovery.search.scans import waves
 from adhesion_jax.discovery.search.screening import Score, least_p, screen
@@ -33,6 +33,7 @@ from adhesion_jax.discovery.search.trials import (
 )
 from adhesion_jax.discovery.types import Candidate, Doubt, Opinion
 from adhesion_jax.effects import Effect, kind_of
+from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.wording import p_is
 
 #: Columns that say which slip a point has.
@@ -94,7 +95,7 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     known = {form_of(part) for part in parts_of(state.accepted)}
     new = {form_of(entry.starts[0]): entry for entry in forms}
     tested = [entry for form, entry in new.items() if form not in known]
-    scores = screen([(_nulls(state, ()), tested)], seed)
+    scores = screen(_apart(_nulls(state, ()), tested), seed)
     number = state.ranking[-1].round + 1 if state.ranking else 0
     p = max(opinion.p, least_p(problem.runs))
     found = _next(state, scores, rules.SIGNIFICANT, number, seed, p)
@@ -119,9 +120,18 @@ def _parts(
     of_branches = [entry for entry in entries if entry.covariates == ("mode",)]
     of_both = [entry for entry in entries if entry.covariates != ("mode",)]
     if not of_branches:
-        return [(nulls, of_both)]
+        return _apart(nulls, of_both)
     shared = null_of(state.fitted, beside(state, entries), True)
-    return [(nulls, of_both), ([shared], of_branches)]
+    return [*_apart(nulls, of_both), ([shared], of_branches)]
+
+
+def _apart(
+    nulls: Sequence[Null], entries: Sequence[Entry]
+) -> list[tuple[Sequence[Null], Sequence[Entry]]]:
+    """The entries with what is given: more beside a memory, which may smooth a noisy slip."""
+    others = [entry for entry in entries if not isinstance(entry.starts[0], Dynamic)]
+    memories = [entry for entry in entries if isinstance(entry.starts[0], Dynamic)]
+    return [(nulls, others), ([beside_smoothing(null) for null in nulls], memories)]
 
 
 def beside(state: Selection, entries: Sequence[Entry]) -> list[Effect]:
