@@ -45,8 +45,19 @@ def condensed(runs: RunSet, most: int = MOST_POINTS) -> RunSet:
     count = runs.whole.slip.size
     if count <= most and lengths.size * lengths.max() <= _ROOM:
         return runs
-    begins, starts = _cuts(runs, most)
-    number = np.diff(begins, append=count)
+    return _means(runs, *_cuts(runs, most))
+
+
+def alike(runs: RunSet, blocks: RunSet) -> RunSet:
+    """Other values of the rows that were condensed to `blocks`, in blocks of the same rows."""
+    if blocks.whole.slip.size == runs.whole.slip.size:
+        return runs
+    return _means(runs, blocks.places, blocks.starts)
+
+
+def _means(runs: RunSet, begins: np.ndarray, starts: np.ndarray) -> RunSet:
+    """The blocks that begin at those rows, `starts` the first block of each run."""
+    number = np.diff(begins, append=runs.whole.slip.size)
     kept = _of_one_label(runs, begins, number)
 
     own = np.add.reduceat(kept.astype(float), begins)

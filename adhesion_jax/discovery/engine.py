@@ -9,15 +9,22 @@ import scipy.stats
 
 from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
-from adhesion_jax.data.condensing import block_means, condensed, hidden_shares
+from adhesion_jax.data.condensing import alike, block_means, condensed, hidden_shares
 from adhesion_jax.data.reading import POINTS
 from adhesion_jax.data.runs import Rows, RunSet
 from adhesion_jax.discovery.findings.summary import law_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
+from adhesion_jax.discovery.model.course import (
+    Course,
+    as_measured,
+    noticeable,
+    smoothed,
+    told,
+)
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.fitting import Setting, under
 from adhesion_jax.discovery.model.noise import slip_noise_of
-from adhesion_jax.discovery.model.prediction import gain
+from adhesion_jax.discovery.model.prediction import gain, gain_of
 from adhesion_jax.discovery.model.problem import Problem, prepare
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.search import rules
@@ -84,12 +91,16 @@ def discover(
     progress = _never_falling(progress)
     asked = (base,) if isinstance(base, str) else tuple(base)
     bases = _bases(runs, asked)
-    blocks = condensed(runs)
+    blocks, measured = condensed(runs), as_measured(runs, slip_noise)
     progress("fitting the base curves", 0.02)
-    slip = slip_noise_of(blocks, slip_noise)
-    plain = _without_effects(runs, blocks, slip.spread, bases)
-    problem = plain.setting.problem
+    noise = measured.noise if blocks is runs else slip_noise_of(blocks, slip_noise)
+    plain = _without_effects(runs, blocks, noise.spread, bases)
     same = echoes(plain.fitted)
+    course, blocks, plain = _on_course(measured, blocks, plain, bases)
+    if course.runs is not runs:
+        runs = course.runs
+        test = None if test is None else smoothed(as_measured(test, slip_noise)).runs
+    problem = plain.setting.problem
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
     falling = _falling(runs) if "auto" in asked and len(bases) > 1 else ()
@@ -97,11 +108,11 @@ def discover(
     progress("asking for a second opinion", 0.85)
     final, opinion = _with_opinion(final, entries, seed, same)
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
-    warnings += [*same.values(), *_few_runs(problem)]
+    warnings += [*same.values(), *_few_runs(problem), *_smoothing_words(course)]
     if correct and (opinion is None or opinion.correction is None):
         warnings.append(f"No correction by boosted trees was made: {_without_trees(final)}")
     progress("measuring the errors", 0.95)
-    found = summarise(runs, blocks, plain, final, slip, opinion, test, warnings, correct, seed)
+    found = summarise(course, blocks, plain, final, opinion, test, warnings, correct, seed)
     seconds = time.perf_counter() - began
     return found._replace(source=source, citation=citation, seconds=seconds)
 
@@ -165,6 +176,39 @@ def _without_effects(
         problem = _problem(blocks._replace(whole=_straightened(plain, runs, blocks)))
         plain = Selection(best_alone(problem, spreads, (plain.base,)))
     return plain
+
+
+def _on_course(
+    measured: Course, blocks: RunSet, plain: Selection, bases: tuple[str, ...]
+) -> tuple[Course, RunSet, Selection]:
+    """The slip smoothed in time, its blocks, and the best curve alone over it.
+
+    If adhesion does not follow it better than the slip as measured they are those given: what
+    jumps from row to row may be noise, and it may be the slip.
+    """
+    if not (measured.noise.sigma and noticeable(plain.fitted)):
+        return measured, blocks, plain
+    course = smoothed(measured)
+    others = alike(course.runs, blocks)
+    spread = block_means(course.left.spread, others)
+    other = _without_effects(course.runs, others, spread, bases)
+    gained = gain_of(told(other.fitted) - told(plain.fitted))
+    if gained.total <= gained.error:
+        return measured, blocks, plain
+    return course._replace(p=float(scipy.stats.norm.sf(gained.deviate))), others, other
+
+
+def _smoothing_words(course: Course) -> list[str]:
+    """That the slip is not as it was measured."""
+    if course.runs is course.measured:
+        return []
+    noise = course.noise
+    size = f"{noise.sigma:.2g} m/s of wheel speed" if noise.of_wheel_speed else f"{noise.sigma:.2g}"
+    return [
+        f"The slip is smoothed in time: adhesion follows its course, and not the {size} by which "
+        "single rows deviate from it. The law, its errors and the figures are those of the "
+        "smoothed slip; from a noisy one the law predicts worse."
+    ]
 
 
 def _test_words(runs: RunSet, test: RunSet | None) -> list[str]:

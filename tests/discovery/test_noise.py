@@ -14,11 +14,13 @@ from discovery_campaigns import (
     setting_of,
 )
 
-from adhesion_jax.discovery.engine import _few_runs
+from adhesion_jax.discovery.engine import _few_runs, _on_course
 from adhesion_jax.discovery.findings.summary import law_of
+from adhesion_jax.discovery.model.bases import best_alone
+from adhesion_jax.discovery.model.course import as_measured
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.fitting import nearly_fitted, weighed
-from adhesion_jax.discovery.model.noise import left_by, noise_of, noisy_slip, slip_noise_of
+from adhesion_jax.discovery.model.noise import left_by, noise_of, slip_noise_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.search.state import Selection
 
@@ -73,37 +75,41 @@ def test_a_load_that_the_pull_moves_is_no_cause_and_one_that_was_set_may_be():
         assert echoes(fitted_to(table.assign(normal_load_N=load))) == {}
 
 
-def left_of(table, spread, given=None):
+def left_of(table, spread):
     runs, law = runs_of(table), law_of(Selection(fitted_to(table, spread)), {})
-    return left_by(runs, law, predicted(law, runs), 1.0, given)
+    return left_by(runs, law, predicted(law, runs), 1.0, slip_noise_of(runs, None))
+
+
+def course_of(table, given=None):
+    """The course of a slip, where adhesion follows it and not the signal."""
+    runs = runs_of(table)
+    measured = as_measured(runs, given)
+    plain = Selection(best_alone(problem_of(table), spread_of(measured, table), ("burckhardt",)))
+    return _on_course(measured, runs, plain, ("burckhardt",))[0]
+
+
+def spread_of(measured, table):
+    points = problem_of(table).points
+    spread = np.zeros(points.shape)
+    spread[points > 0] = measured.noise.spread
+    return spread
 
 
 @pytest.mark.parametrize("acts", [True, False])
-def test_noise_of_the_slip_is_told_where_adhesion_does_not_follow_it(acts):
+def test_noise_of_the_slip_is_told_and_smoothed_where_adhesion_does_not_follow_it(acts):
     table = drawn(4, 0.002, acts)
-    slip = slip_noise_of(runs_of(table), None)
-    assert slip.sigma == pytest.approx(0.002, rel=0.1)
-    told = noisy_slip(left_of(table, slip.sigma))
+    course = course_of(table)
+    assert course.noise.sigma == pytest.approx(0.002, rel=0.1)
+    true = drawn(4)["slip_ratio"].to_numpy()
+    before = np.sqrt(np.mean((course.measured.whole.slip - true) ** 2))
+    after = np.sqrt(np.mean((course.runs.whole.slip - true) ** 2))
     if acts:
-        assert told.p < 1e-6
-        assert told.sigma == pytest.approx(0.002, rel=0.15)
+        assert course.p < 1e-6
+        assert after < 0.5 * before
+        assert np.sqrt(np.mean(course.left.spread**2)) == pytest.approx(after, rel=0.2)
     else:
-        assert told is None or told.p > 0.01
-    # What is given is told as it is, and not tested.
-    stated = noisy_slip(left_of(table, slip.sigma, 0.003))
-    assert stated.sigma == 0.003
-    assert np.isnan(stated.p)
-
-
-def test_a_curve_that_is_a_little_too_steep_is_no_noise_of_a_slip_that_truly_jumps():
-    table = drawn(4, 0.002, acts=False)
-    slip, steep = table["slip_ratio"].to_numpy(), (TRUE[0], 1.15 * TRUE[1], TRUE[2])
-    predicted = curve(slip, steep)
-    left = left_of(table, 0.002)._replace(
-        error=table["adhesion"].to_numpy() - predicted,
-        slope=(curve(slip + 1e-6, steep) - predicted) / 1e-6,
-    )
-    assert noisy_slip(left) is None
+        assert np.isnan(course.p)
+        assert after == before
 
 
 def test_the_noise_of_a_fit_is_that_of_the_campaign():

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.discovery.model.course import Course
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     covariance,
@@ -16,7 +17,6 @@ from adhesion_jax.discovery.model.fitting import (
     solve,
     strengths_of,
 )
-from adhesion_jax.discovery.model.noise import NoisySlip
 from adhesion_jax.discovery.model.packing import effect_places
 from adhesion_jax.discovery.model.prediction import held_out_loss
 from adhesion_jax.discovery.model.problem import Problem
@@ -246,27 +246,28 @@ def _sentence(effect: Accepted) -> str:
     return f"{said} Its form is refined by {listed(more)}." if more else said
 
 
-def slip_noise_found(noisy: NoisySlip | None, validation: Errors) -> list[FoundEffect]:
-    # Student's t takes an inexact curve for noise more often than its p says.
-    if noisy is None or noisy.p > rules.SCAN_SIGNIFICANT:
+def slip_noise_found(course: Course, validation: Errors) -> list[FoundEffect]:
+    """The noise of the slip, if it is given or adhesion follows the course of the slip better."""
+    noise, nothing = course.noise, float("nan")
+    p = nothing if noise.given else course.p
+    if not (noise.sigma and (noise.given or p <= rules.SCAN_SIGNIFICANT)):
         return []
-    what = f"{noisy.sigma:.2g} m/s of a wheel speed"
-    if not noisy.of_wheel_speed:
-        what = f"{noisy.sigma:.2g} of slip"
+    what = f"{noise.sigma:.2g} m/s of a wheel speed"
+    if not noise.of_wheel_speed:
+        what = f"{noise.sigma:.2g} of slip"
     sentence = (
         f"The slip signal has noise of {what} that adhesion does not follow: points where the "
         "curve is steep count less."
     )
-    nothing = float("nan")
     return [
         FoundEffect(
             "slip_noise",
             ("slip_noise",),
             ("slip_ratio",),
             "mu(l - error of l)",
-            {"sigma": Interval(noisy.sigma, nothing, nothing)},
-            {"sigma": "m/s" if noisy.of_wheel_speed else "1"},
-            noisy.p,
+            {"sigma": Interval(noise.sigma, nothing, nothing)},
+            {"sigma": "m/s" if noise.of_wheel_speed else "1"},
+            p,
             validation.after.value,
             sentence,
             "slip",

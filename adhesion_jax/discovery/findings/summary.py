@@ -24,8 +24,9 @@ from adhesion_jax.discovery.findings.found import (
     torsion_found,
     vetoed,
 )
+from adhesion_jax.discovery.model.course import Course
 from adhesion_jax.discovery.model.fitting import covariance
-from adhesion_jax.discovery.model.noise import left_by, noise_of, noisy_slip
+from adhesion_jax.discovery.model.noise import left_by, noise_of
 from adhesion_jax.discovery.model.packing import base_curve, base_places
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.model.rows import Ranges, columns_of, predicted
@@ -39,7 +40,7 @@ from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
 from adhesion_jax.discovery.types import Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.wave import Wave
-from adhesion_jax.inference.noise import RunNoise, SlipNoise
+from adhesion_jax.inference.noise import RunNoise
 
 #: What is reported of the noise.
 _NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")
@@ -49,11 +50,10 @@ _UNBOUNDED = ("time_s", "slip_ratio", "mode", "wheel_angle_rad")
 
 
 def summarise(
-    runs: RunSet,
+    course: Course,
     blocks: RunSet,
     plain: Selection,
     searched: Selection,
-    slip: SlipNoise,
     opinion: Opinion | None,
     test: RunSet | None,
     warnings: Sequence[str],
@@ -62,9 +62,10 @@ def summarise(
 ) -> Findings:
     """The findings of a search, but for the names of its data and the time that it took.
 
-    `runs` are all rows, `blocks` the blocks of them that the states without effects (`plain`) and
-    with them were `searched` in: the rows, if they are few.
+    `course` has all rows, `blocks` are the blocks of them that the states without effects (`plain`)
+    and with them were `searched` in: the rows, if they are few.
     """
+    runs = course.runs
     final, unnamed = vetoed(searched)
     problem = final.setting.problem
     ranges = ranges_of(problem, runs)
@@ -76,7 +77,7 @@ def summarise(
     refuted = _refuted(final.accepted, validation, tested)
     if refuted and predictions is not None:
         predictions = predictions.assign(corrected=predictions["base"])
-    left = left_by(runs, law, after, final.setting.share, slip.sigma if slip.given else None)
+    left = left_by(runs, law, after, final.setting.share, course.left)
     noise = noise_of(left)
     outside = extrapolated(final.accepted, problem, law, runs, test)
     alike = likenesses(final, library_of(problem))
@@ -84,7 +85,7 @@ def summarise(
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
     waves = any(isinstance(part, Wave) for part in parts_of(searched.accepted))
     line = torsion_found(None if waves else torsion(searched.fitted), validation)
-    found = [*slip_noise_found(noisy_slip(left), validation), *effects, *line]
+    found = [*slip_noise_found(course, validation), *effects, *line]
     words = (*shape_words(final), *warnings, *noise_words(final, noise))
     far = tuple(sentence for _, sentence in outside)
     return Findings(

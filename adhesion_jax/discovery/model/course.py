@@ -1,0 +1,105 @@
+"""The course of a noisy slip: parabolas through neighbouring rows in the place of the signal."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import oaconvolve
+
+from adhesion_jax.data.runs import RunSet
+from adhesion_jax.data.stretches import stretches
+from adhesion_jax.discovery.model.fitting import Fitted, slope_of
+from adhesion_jax.discovery.model.noise import slip_noise_of
+from adhesion_jax.inference.noise import SlipNoise
+
+#: Numbers of rows through which parabolas are laid.
+_WINDOWS = (9, 17, 33, 65, 129, 257)
+
+#: Orders of a parabola, and those of the polynomials that tell whether a slip moves otherwise.
+_PARABOLA, _ORDERS = 3, 7
+
+#: Weight of the slip as measured, where that of a parabola that fits is at least 1.
+_AS_IT_IS = 1e-3
+
+#: Share of the variance of adhesion below which noise of the slip changes nothing. By hand.
+_NOTICEABLE = 0.05
+
+#: The slip in another unit, which has the same noise.
+_VELOCITY = "slip_velocity_mps"
+
+
+class Course(NamedTuple):
+    """Runs with the slip that a search takes, its course or what was measured, and its noise."""
+
+    runs: RunSet
+    left: SlipNoise  # of their slip
+    measured: RunSet
+    noise: SlipNoise  # of the slip as measured
+    p: float  # that adhesion follows the course no better; NaN without one
+
+
+def as_measured(runs: RunSet, given: float | None) -> Course:
+    """The slip as it is, and its noise, as `given` or by its course in time."""
+    noise = slip_noise_of(runs, given)
+    return Course(runs, noise, runs, noise, float("nan"))
+
+
+def smoothed(course: Course) -> Course:
+    """The slip of each row by the parabolas of least squares through it and its neighbours.
+
+    It is the mean of those of all stretches of 9 to 257 rows that hold the row. The weight of each
+    is exp(-x/2) over the variance of its value there, x by how much the squares of four further
+    orders of polynomials in it, in units of the noise, exceed the 4 that noise makes: a slip that
+    moves fast keeps its course. Nothing is laid over gaps in time.
+    """
+    runs, noise, whole = course.runs, course.noise, course.runs.whole
+    if not noise.sigma:
+        return course
+    # Blocks of one run follow each other.
+    number = np.repeat(np.arange(runs.starts.size), runs.lengths)
+    series = np.zeros_like(number) if runs.blocks else number
+    slip, spread = whole.slip.copy(), noise.spread.copy()
+    for rows in stretches(whole.conditions["time_s"], series):
+        slip[rows], spread[rows] = _settled(whole.slip[rows], noise.spread[rows])
+    conditions = whole.conditions
+    if _VELOCITY in conditions and "vehicle_speed_mps" in conditions:
+        moved = (slip - whole.slip) * conditions["vehicle_speed_mps"]
+        conditions = {**conditions, _VELOCITY: conditions[_VELOCITY] + moved}
+    whole = whole._replace(slip=slip, conditions=conditions)
+    return course._replace(runs=runs._replace(whole=whole), left=noise._replace(spread=spread))
+
+
+def _settled(slip: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The course of one stretch, [rows], and about its standard deviation."""
+    weight = np.full(slip.size, _AS_IT_IS)
+    value, left = weight * slip, weight.copy()
+    for window in _WINDOWS:
+        if window > slip.size:
+            break
+        places = np.linspace(-1, 1, window)
+        basis = np.linalg.qr(np.vander(places, _ORDERS, increasing=True))[0]
+        # Of the windows by their first row: how much of each polynomial there is.
+        shares = np.stack([oaconvolve(slip, one[::-1], "valid") for one in basis.T])
+        middle = spread[window // 2 : window // 2 + shares.shape[1]]
+        beyond = (shares[_PARABOLA:] ** 2).sum(axis=0) / middle**2 - (_ORDERS - _PARABOLA)
+        fits = np.exp(-0.5 * np.maximum(beyond, 0.0))
+        variance = (basis[:, :_PARABOLA] ** 2).sum(axis=1)
+        weight += oaconvolve(fits, 1 / variance)
+        left += oaconvolve(fits, 1 / np.sqrt(variance))
+        for share, one in zip(shares[:_PARABOLA], basis.T[:_PARABOLA], strict=True):
+            value += oaconvolve(fits * share, one / variance)
+    return value / weight, spread * left / weight
+
+
+def noticeable(fitted: Fitted) -> bool:
+    """Whether the noise of the slip could be a share of the variance of adhesion that matters."""
+    setting = fitted.setting
+    inside = setting.root > 0
+    by_slip = (setting.spread * slope_of(fitted))[inside] ** 2
+    return bool(by_slip.mean() > _NOTICEABLE * setting.sigma**2)
+
+
+def told(fitted: Fitted) -> np.ndarray:
+    """The log density of the adhesion of each run, but for what all models have, [runs]."""
+    root = fitted.setting.root
+    size = np.log(np.where(root > 0, root, 1.0)) - 0.5 * fitted.residual**2
+    return np.where(root > 0, size, 0.0).sum(axis=1)
