@@ -186,10 +186,10 @@ def _on_course(
     If adhesion does not follow it better than the slip as measured they are those given: what
     jumps from row to row may be noise, and it may be the slip.
     """
-    if not (measured.noise.sigma and noticeable(plain.fitted)):
-        return measured, blocks, plain
     course = smoothed(measured)
     others = alike(course.runs, blocks)
+    if not noticeable(plain.fitted, others.whole.slip - blocks.whole.slip):
+        return measured, blocks, plain
     spread = block_means(course.left.spread, others)
     other = _without_effects(course.runs, others, spread, bases)
     gained = gain_of(told(other.fitted) - told(plain.fitted))

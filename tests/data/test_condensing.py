@@ -7,6 +7,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from adhesion_jax.data.condensing import (
+    alike,
     block_means,
     condensed,
     correlation_of,
@@ -49,6 +50,12 @@ def test_a_block_has_the_means_of_its_rows_and_lies_in_one_run():
         assert blocks.whole.conditions["wear"][place] == pytest.approx(rows["wear"].mean())
     assert blocks.lengths.sum() == blocks.whole.slip.size
     assert (table["run"].iloc[blocks.places[blocks.starts]] == [0, 1, 2, 3]).all()
+    # Other values of the same rows go into the same blocks, wherever they move.
+    moved = np.where(table["wear"] > 1, 5.0, 1.0) * runs.whole.slip
+    other = alike(runs._replace(whole=runs.whole._replace(slip=moved)), blocks)
+    np.testing.assert_allclose(other.whole.slip, block_means(moved, blocks), rtol=1e-12)
+    assert (other.places == blocks.places).all()
+    assert alike(runs, runs) is runs
     # A steady sweep is cut evenly.
     sizes = np.diff(blocks.places)[: blocks.lengths[0] - 1]
     assert sizes.max() - sizes.min() <= 1

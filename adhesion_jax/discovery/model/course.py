@@ -20,7 +20,8 @@ _PARABOLA, _ORDERS = 3, 7
 #: Weight of the slip as measured, where that of a parabola that fits is at least 1.
 _AS_IT_IS = 1e-3
 
-#: Share of the variance of adhesion below which noise of the slip changes nothing. By hand.
+#: Share of the variance of the noise of adhesion below which a change is too small to matter. By
+#: hand.
 _NOTICEABLE = 0.05
 
 #: The slip in another unit, which has the same noise.
@@ -62,8 +63,11 @@ def smoothed(course: Course) -> Course:
         slip[rows], spread[rows] = _settled(whole.slip[rows], noise.spread[rows])
     conditions = whole.conditions
     if _VELOCITY in conditions and "vehicle_speed_mps" in conditions:
+        velocity = conditions[_VELOCITY]
         moved = (slip - whole.slip) * conditions["vehicle_speed_mps"]
-        conditions = {**conditions, _VELOCITY: conditions[_VELOCITY] + moved}
+        # It may be told without its sign.
+        side = np.where(velocity * whole.slip < 0, -1.0, 1.0)
+        conditions = {**conditions, _VELOCITY: velocity + side * moved}
     whole = whole._replace(slip=slip, conditions=conditions)
     return course._replace(runs=runs._replace(whole=whole), left=noise._replace(spread=spread))
 
@@ -90,12 +94,11 @@ def _settled(slip: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return value / weight, spread * left / weight
 
 
-def noticeable(fitted: Fitted) -> bool:
-    """Whether the noise of the slip could be a share of the variance of adhesion that matters."""
+def noticeable(fitted: Fitted, moved: np.ndarray) -> bool:
+    """Whether a change of the slip of each point, [points], changes a prediction that matters."""
     setting = fitted.setting
-    inside = setting.root > 0
-    by_slip = (setting.spread * slope_of(fitted))[inside] ** 2
-    return bool(by_slip.mean() > _NOTICEABLE * setting.sigma**2)
+    change = slope_of(fitted)[setting.root > 0] * moved
+    return bool(np.mean(change**2) > _NOTICEABLE * setting.sigma**2)
 
 
 def told(fitted: Fitted) -> np.ndarray:
