@@ -255,10 +255,9 @@ def slip_noise_found(course: Course, validation: Errors) -> list[FoundEffect]:
     what = f"{noise.sigma:.2g} m/s of a wheel speed"
     if not noise.of_wheel_speed:
         what = f"{noise.sigma:.2g} of slip"
-    sentence = (
-        f"The slip signal has noise of {what} that adhesion does not follow: points where the "
-        "curve is steep count less."
-    )
+    smooth = course.runs is not course.measured
+    done = "it is smoothed in time" if smooth else "points where the curve is steep count less"
+    sentence = f"The slip signal has noise of {what} that adhesion does not follow: {done}."
     return [
         FoundEffect(
             "slip_noise",
@@ -270,7 +269,6 @@ def slip_noise_found(course: Course, validation: Errors) -> list[FoundEffect]:
             p,
             validation.after.value,
             sentence,
-            "slip",
         )
     ]
 
