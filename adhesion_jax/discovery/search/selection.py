@@ -242,21 +242,17 @@ def _next(
     now = trial_of(state.fitted, scores[0])
     # A candidate that would not be accepted must not displace one that would.
     worthy = [
-        trial for trial in trials if is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
+        trial
+        for trial in trials
+        if _p_of(trial.score, sharper) <= significant
+        and is_worth(now.fitted, trial.fitted, trial.score.entry.generic)
     ]
     best = choose(worthy or trials, now)
     joint = _joint(best, now, scores, seed)
     chosen = best if joint is None else joint
     gained = gain(now.fitted, chosen.fitted)
     members = class_of(scores, chosen.score)
-    # Some form of its columns or of its class must be significant, not that candidate itself: the
-    # form of the best score need not be the one that explains most.
-    own = {*chosen.score.entry.covariates}
-    p = min(
-        score.p
-        for score in (chosen.score, *sharper)
-        if {*score.entry.covariates} <= own or score.entry.name in members
-    )
+    p = _p_of(chosen.score, sharper)
     worth = is_worth(now.fitted, chosen.fitted, chosen.score.entry.generic)
     accepted = p <= significant and worth
     # A pair was not scored with the others and has no row of its own.
@@ -266,6 +262,19 @@ def _next(
         return state._replace(ranking=ranking)
     new = as_effect(chosen.score.entry, members, fitted_start(chosen), p, gained.total)
     return _with_effect(state, new, ranking)
+
+
+def _p_of(chosen: Score, scores: Sequence[Score]) -> float:
+    """The smallest p of any form of the columns of a candidate, or of its class.
+
+    It need not be that of the candidate: the form of the best score may not explain most.
+    """
+    own, members = {*chosen.entry.covariates}, class_of(scores, chosen)
+    return min(
+        score.p
+        for score in (chosen, *scores)
+        if {*score.entry.covariates} <= own or score.entry.name in members
+    )
 
 
 def _with_effect(state: Selection, new: Accepted, ranking: Sequence[Candidate]) -> Selection:
