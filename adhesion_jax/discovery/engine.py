@@ -41,6 +41,9 @@ from adhesion_jax.wording import listed
 #: The slip counts as one value if it varies by less than this share of its size.
 _ONE_SLIP = 1e-6
 
+#: Shares of what jumps in the slip from row to row that are tried as noise of it.
+_SHARES = (0.25, 0.5, 1.0)
+
 #: Residuals of neighbouring rows are alike if their rank correlation has a smaller p than this.
 _ALIKE = 0.05
 
@@ -99,7 +102,8 @@ def discover(
     course, blocks, plain = _on_course(measured, blocks, plain, bases)
     if course.runs is not runs:
         runs = course.runs
-        test = None if test is None else smoothed(as_measured(test, slip_noise)).runs
+        share = course.noise.sigma / measured.noise.sigma
+        test = None if test is None else smoothed(as_measured(test, slip_noise), share).runs
     problem = plain.setting.problem
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
@@ -186,16 +190,22 @@ def _on_course(
     If adhesion does not follow it better than the slip as measured they are those given: what
     jumps from row to row may be noise, and it may be the slip.
     """
-    course = smoothed(measured)
-    others = alike(course.runs, blocks)
-    if not noticeable(plain.fitted, others.whole.slip - blocks.whole.slip):
+    best, course, others = -np.inf, measured, blocks
+    for share in (1.0,) if measured.noise.given else _SHARES:
+        smooth = smoothed(measured, share)
+        moved = alike(smooth.runs, blocks)
+        if not noticeable(plain.fitted, moved.whole.slip - blocks.whole.slip):
+            continue
+        spread = block_means(smooth.left.spread, moved)
+        other = _without_effects(smooth.runs, moved, spread, (plain.base,))
+        gained = gain_of(told(other.fitted) - told(plain.fitted))
+        if gained.total > max(gained.error, best):
+            p = min(len(_SHARES) * float(scipy.stats.norm.sf(gained.deviate)), 1.0)
+            best, course, others = gained.total, smooth._replace(p=p), moved
+    if course is measured:
         return measured, blocks, plain
     spread = block_means(course.left.spread, others)
-    other = _without_effects(course.runs, others, spread, bases)
-    gained = gain_of(told(other.fitted) - told(plain.fitted))
-    if gained.total <= gained.error:
-        return measured, blocks, plain
-    return course._replace(p=float(scipy.stats.norm.sf(gained.deviate))), others, other
+    return course, others, _without_effects(course.runs, others, spread, bases)
 
 
 def _smoothing_words(course: Course) -> list[str]:

@@ -44,8 +44,10 @@ def as_measured(runs: RunSet, given: float | None) -> Course:
     return Course(runs, noise, runs, noise, float("nan"))
 
 
-def smoothed(course: Course) -> Course:
+def smoothed(course: Course, share: float = 1.0) -> Course:
     """The slip of each row by the parabolas of least squares through it and its neighbours.
+
+    Of what deviates from them in 15 rows that share is taken for noise.
 
     It is the mean of those of all stretches of 9 to 257 rows that hold the row. The weight of each
     is exp(-x/2) over the variance of its value there, x by how much the squares of four further
@@ -55,6 +57,7 @@ def smoothed(course: Course) -> Course:
     runs, noise, whole = course.runs, course.noise, course.runs.whole
     if not noise.sigma:
         return course
+    noise = noise._replace(sigma=share * noise.sigma, spread=share * noise.spread)
     # Blocks of one run follow each other.
     number = np.repeat(np.arange(runs.starts.size), runs.lengths)
     series = np.zeros_like(number) if runs.blocks else number
@@ -69,7 +72,7 @@ def smoothed(course: Course) -> Course:
         side = np.where(velocity * whole.slip < 0, -1.0, 1.0)
         conditions = {**conditions, _VELOCITY: velocity + side * moved}
     whole = whole._replace(slip=slip, conditions=conditions)
-    return course._replace(runs=runs._replace(whole=whole), left=noise._replace(spread=spread))
+    return Course(runs._replace(whole=whole), noise._replace(spread=spread), runs, noise, course.p)
 
 
 def _settled(slip: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
