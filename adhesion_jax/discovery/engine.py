@@ -18,6 +18,7 @@ from adhesion_jax.discovery.model.course import (
     Course,
     as_measured,
     noticeable,
+    size_of,
     smoothed,
     told,
 )
@@ -212,12 +213,10 @@ def _smoothing_words(course: Course) -> list[str]:
     """That the slip is not as it was measured."""
     if course.runs is course.measured:
         return []
-    noise = course.noise
-    size = f"{noise.sigma:.2g} m/s of wheel speed" if noise.of_wheel_speed else f"{noise.sigma:.2g}"
     return [
-        f"The slip is smoothed in time: adhesion follows its course, and not the {size} by which "
-        "single rows deviate from it. The law, its errors and the figures are those of the "
-        "smoothed slip; from a noisy one the law predicts worse."
+        "The slip is smoothed in time: adhesion follows its course, and not the "
+        f"{size_of(course.noise)} by which single rows deviate from it. The law, its errors and "
+        "the figures are those of the smoothed slip; from a noisy one the law predicts worse."
     ]
 
 

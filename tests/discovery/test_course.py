@@ -93,6 +93,20 @@ def test_the_slip_velocity_follows_with_or_without_its_sign(sign):
     np.testing.assert_allclose(np.abs(velocity), 12 * np.abs(whole.slip), rtol=1e-9)
 
 
-def test_a_slip_without_noise_is_as_it_was():
-    runs = log_of(np.linspace(0.01, 0.2, 100))
-    assert course_of(runs, 0.0).runs is runs
+def test_a_slip_without_noise_or_without_a_time_is_as_it_was():
+    slip = np.linspace(0.01, 0.2, 100)
+    for runs, sigma in ((log_of(slip), 0.0), (untimed(slip), 0.01)):
+        assert course_of(runs, sigma).runs is runs
+
+
+def untimed(slip):
+    return runs_of(pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * np.tanh(60 * slip)}))
+
+
+def test_half_of_what_jumps_is_smoothed_as_a_noise_of_half_the_size():
+    draw = np.random.default_rng(4)
+    measured = as_measured(log_of(0.05 + 2e-3 * draw.normal(size=300)), 0.024)
+    half, alone = smoothed(measured, 0.5), course_of(measured.runs, 0.012)
+    np.testing.assert_allclose(half.runs.whole.slip, alone.runs.whole.slip, rtol=1e-12)
+    np.testing.assert_allclose(half.left.spread, alone.left.spread, rtol=1e-12)
+    assert half.noise.sigma == pytest.approx(0.012)

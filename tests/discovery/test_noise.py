@@ -15,6 +15,7 @@ from discovery_campaigns import (
 )
 
 from adhesion_jax.discovery.engine import _few_runs, _on_course
+from adhesion_jax.discovery.findings.found import slip_noise_found
 from adhesion_jax.discovery.findings.summary import law_of
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.course import as_measured
@@ -23,6 +24,7 @@ from adhesion_jax.discovery.model.fitting import nearly_fitted, weighed
 from adhesion_jax.discovery.model.noise import left_by, noise_of, slip_noise_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.types import Errors, Interval
 
 
 def fitted_to(table, spread=0.0):
@@ -80,6 +82,10 @@ def left_of(table, spread):
     return left_by(runs, law, predicted(law, runs), 1.0, slip_noise_of(runs, None))
 
 
+#: Errors that nothing rests on.
+NO_ERRORS = Errors(*[Interval(0.0, 0.0, 0.0)] * 3, 1)
+
+
 def course_of(table, given=None):
     """The course of a slip, where adhesion follows it and not the signal."""
     runs = runs_of(table)
@@ -107,9 +113,17 @@ def test_noise_of_the_slip_is_told_and_smoothed_where_adhesion_does_not_follow_i
         assert course.p < 1e-5
         assert after < 0.5 * before
         assert np.sqrt(np.mean(course.left.spread**2)) == pytest.approx(after, rel=0.2)
+        (found,) = slip_noise_found(course, NO_ERRORS)
+        assert found.p_adjusted == course.p
+        assert found.parameters["sigma"].value == course.noise.sigma
     else:
         assert np.isnan(course.p)
         assert after == before
+        assert slip_noise_found(course, NO_ERRORS) == []
+    # What is given is told as it is, and not tested.
+    (stated,) = slip_noise_found(course_of(table, 0.003), NO_ERRORS)
+    assert stated.parameters["sigma"].value == 0.003
+    assert np.isnan(stated.p_adjusted)
 
 
 def test_the_noise_of_a_fit_is_that_of_the_campaign():

@@ -34,8 +34,13 @@ class Course(NamedTuple):
     runs: RunSet
     left: SlipNoise  # of their slip
     measured: RunSet
-    noise: SlipNoise  # of the slip as measured
+    noise: SlipNoise  # of the slip as measured: what is taken for it
     p: float  # that adhesion follows the course no better; NaN without one
+
+
+def size_of(noise: SlipNoise) -> str:
+    """The size of the noise in words."""
+    return f"{noise.sigma:.2g} {'m/s of a wheel speed' if noise.of_wheel_speed else 'of slip'}"
 
 
 def as_measured(runs: RunSet, given: float | None) -> Course:
@@ -47,15 +52,15 @@ def as_measured(runs: RunSet, given: float | None) -> Course:
 def smoothed(course: Course, share: float = 1.0) -> Course:
     """The slip of each row by the parabolas of least squares through it and its neighbours.
 
-    Of what deviates from them in 15 rows that share is taken for noise.
-
-    It is the mean of those of all stretches of 9 to 257 rows that hold the row. The weight of each
-    is exp(-x/2) over the variance of its value there, x by how much the squares of four further
-    orders of polynomials in it, in units of the noise, exceed the 4 that noise makes: a slip that
-    moves fast keeps its course. Nothing is laid over gaps in time.
+    Of what deviates from them in 15 rows that share is taken for noise. The slip is the mean of the
+    parabolas of all stretches of 9 to 257 rows that hold the row. The weight of each is exp(-x/2)
+    over the variance of its value there, x by how much the squares of four further orders of
+    polynomials in it, in units of the noise, exceed the 4 that noise makes: a slip that moves fast
+    keeps its course. Nothing is laid over gaps in time, and nothing at all where there is no time,
+    or no noise.
     """
     runs, noise, whole = course.runs, course.noise, course.runs.whole
-    if not noise.sigma:
+    if not noise.sigma or "time_s" not in whole.conditions:
         return course
     noise = noise._replace(sigma=share * noise.sigma, spread=share * noise.spread)
     # Blocks of one run follow each other.
