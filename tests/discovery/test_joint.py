@@ -6,9 +6,11 @@ import pytest
 from discovery_campaigns import SIZE, state_of
 from scipy import stats
 
-from adhesion_jax.discovery.search.catalogue import library_of
-from adhesion_jax.discovery.search.selection import search
-from adhesion_jax.effects import Surface
+from adhesion_jax.discovery.search.catalogue import column_entries, library_of
+from adhesion_jax.discovery.search.probes import null_of
+from adhesion_jax.discovery.search.screening import screen
+from adhesion_jax.discovery.search.selection import _next, search
+from adhesion_jax.effects import Covariate, Surface
 from experiments.campaigns.simulator import simulate
 
 
@@ -70,3 +72,23 @@ def test_what_an_accepted_column_does_with_another_one_is_found_beside_it(null):
     assert alone.covariates == ("x",)
     assert {*both.covariates} == {"x", "rail_age_days"}
     assert float(both.parts[0].k11) == pytest.approx(0.08, rel=0.15)
+
+
+def test_of_two_causes_the_larger_one_does_not_displace_the_other_if_its_p_is_too_large(null):
+    """The limit is a p of .01, to a twentieth of it; the smaller cause has a p of .001."""
+    u, v = places(null["position_m"]), places(null["relative_humidity_pct"])
+    state = state_of(null.assign(adhesion=null["adhesion"] * np.exp(0.1 * u + 0.08 * v)))
+    columns = ("position_m", "relative_humidity_pct")
+    entries = [
+        line
+        for column in columns
+        for line in column_entries(Covariate, column, state.setting.problem)[:1]
+    ]
+    scores = screen([([null_of(state.fitted)], entries)], 0)
+    for p, taken in ((0.0105, "relative_humidity_pct"), (0.0095, "position_m")):
+        told = [
+            score._replace(p=p if score.entry.covariates == ("position_m",) else 0.001)
+            for score in scores
+        ]
+        (effect,) = _next(state, told, 0.01, 0, 0).accepted
+        assert effect.covariates == (taken,)
