@@ -66,6 +66,9 @@ def smoothed(course: Course, share: float = 1.0) -> Course:
     # Blocks of one run follow each other.
     number = np.repeat(np.arange(runs.starts.size), runs.lengths)
     series = np.zeros_like(number) if runs.blocks else number
+    if "axle" in whole.conditions:
+        axles, axle = np.unique(whole.conditions["axle"], return_inverse=True)
+        series = series * axles.size + axle
     slip, spread = whole.slip.copy(), noise.spread.copy()
     for rows in stretches(whole.conditions["time_s"], series):
         slip[rows], spread[rows] = _settled(whole.slip[rows], noise.spread[rows])
