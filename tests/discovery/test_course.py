@@ -83,12 +83,13 @@ def test_nothing_is_laid_over_a_gap_or_from_one_run_to_the_next():
 
 def test_axles_whose_rows_are_told_in_turn_are_smoothed_each_by_itself():
     draw = np.random.default_rng(5)
-    axle = np.tile([1, 2], 200)
+    axle, run = np.tile([1, 2], 200), np.repeat([1, 2], 200)
     slip = np.where(axle == 1, 0.02, 0.03) + 1e-3 * draw.normal(size=400)
-    whole = course_of(log_of(slip, np.repeat(np.arange(200) / 10, 2), axle=axle), 0.012).runs.whole
-    for code, one in enumerate((1, 2)):
-        alone = course_of(log_of(slip[axle == one]), 0.012).runs.whole.slip
-        np.testing.assert_allclose(whole.slip[whole.conditions["axle"] == code], alone, atol=1e-12)
+    time = np.repeat(np.arange(200) / 10, 2)
+    whole = course_of(log_of(slip, time, axle=axle, run=run), 0.012).runs.whole.slip
+    for own in ((axle == which) & (run == number) for which in (1, 2) for number in (1, 2)):
+        alone = course_of(log_of(slip[own]), 0.012).runs.whole.slip
+        np.testing.assert_allclose(whole[own], alone, atol=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
