@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from discovery_campaigns import campaign, curve, noise, state_of
+from discovery_campaigns import alone, campaign, curve, noise, state_of
 
 from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
-from adhesion_jax.discovery.search.state import Accepted
+from adhesion_jax.discovery.search.state import Accepted, Selection
 from adhesion_jax.effects import EFFECTS, Covariate, Labels, Memory
 
 
@@ -76,3 +76,40 @@ def test_an_effect_with_a_memory_is_shown_once_it_has_settled():
     steady = fitted.k * (shown.values - fitted.reference) / fitted.scale
     np.testing.assert_allclose(np.log(shown.factor), steady, atol=1e-4)
     assert np.ptp(shown.values) == np.ptp(table["gust"])
+
+
+def test_a_curve_that_falls_with_the_speed_is_shown_over_the_speed():
+    draw = np.random.default_rng(8)
+    table = campaign(draw)
+    table["vehicle_speed_mps"] = draw.uniform(4.0, 20.0, 20)[table["run"]]
+
+    def polach(slip, speed):
+        """Polach 2005 with A = .4, B = .6 s/m, C = 90, kA = 1, kS = .4."""
+        friction = 0.4 * (0.6 * np.exp(-0.6 * slip * speed) + 0.4)
+        gradient = np.pi * 90.0 * slip / (4 * friction)
+        return (2 * friction / np.pi) * (gradient / (1 + gradient**2) + np.arctan(0.4 * gradient))
+
+    true = polach(table["slip_ratio"], table["vehicle_speed_mps"])
+    table["adhesion"] = true + noise(draw, sigma=0.001)
+    state = Selection(alone(table, "polach-falling", (0.4, 0.4, 0.6, 90.0, 0.4)))
+    (shown,) = dependences(state, seed=0)
+    assert (shown.effect, shown.column, shown.unit) == (
+        "polach-falling",
+        "vehicle_speed_mps",
+        "m/s",
+    )
+    at_most = polach(table["slip_ratio"].max(), shown.values)
+    np.testing.assert_allclose(shown.factor, at_most / at_most[0], atol=0.01)
+    assert ((shown.low <= shown.factor) & (shown.factor <= shown.high)).all()
+    assert at_most[-1] < 0.8 * at_most[0]
+
+
+def test_the_band_of_a_curve_has_no_friction_that_rises_with_the_slip_velocity():
+    draw = np.random.default_rng(9)
+    table = campaign(draw)
+    table["vehicle_speed_mps"] = draw.uniform(9.0, 10.0, 20)[table["run"]]
+    table["adhesion"] = curve(table["slip_ratio"]) + noise(draw, sigma=0.02)
+    state = Selection(alone(table, "polach-scaled", (0.4, 0.4, 0.6, 90.0, 0.4)))
+    (shown,) = dependences(state, seed=0)
+    # What is left of friction is at most all of it, however little the data determine it.
+    assert (shown.high <= 1 + 1e-9).all()

@@ -289,6 +289,24 @@ def test_verdict_of_nothing():
     )
 
 
+def test_verdict_says_what_the_curve_itself_has_of_a_column():
+    findings = two_effects()
+    humidity, speed = findings.dependences
+    of_curve = speed._replace(
+        effect=findings.base,
+        values=np.array([4.0, 10.0]),
+        factor=np.array([1.0, 0.9]),
+        low=np.array([1.0, 0.87]),
+        high=np.array([1.0, 0.94]),
+    )
+    assert "by itself" not in verdict(findings)
+    assert verdict(findings._replace(dependences=(of_curve, humidity, speed))) == (
+        f"{verdict(findings)} The curve burckhardt depends on vehicle_speed_mps by itself: at the "
+        "largest slip, adhesion at 10 m/s is 90.0 % [87.0, 94.0] of that at 4 m/s. That is a part "
+        "of the curve, and no cause is named for it."
+    )
+
+
 def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
     ranking = tuple(
         row._replace(p_adjusted=0.0005, decision="no gain in cross-validation")

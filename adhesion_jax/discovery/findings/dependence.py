@@ -1,17 +1,13 @@
-"""Partial dependence of adhesion on one column through an accepted effect, with a 95 % band."""
+"""Partial dependence of adhesion on a column, by an effect or by the curve, with a 95 % band."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from adhesion_jax.curves import BASES
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.model.fitting import (
-    Fitted,
-    changes_of,
-    covariance,
-    size_of,
-)
-from adhesion_jax.discovery.model.packing import pack
+from adhesion_jax.discovery.model.fitting import changes_of, covariance, size_of
+from adhesion_jax.discovery.model.packing import Model, pack
 from adhesion_jax.discovery.model.problem import Data, label_of
 from adhesion_jax.discovery.search.state import Accepted, Selection, slots_of
 from adhesion_jax.discovery.types import Dependence
@@ -41,16 +37,17 @@ _TIMES = ("time_s", "run")
 
 
 def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
-    """The dependences of every effect on its varying columns.
+    """The dependences of the curve on the columns that it needs, and of every effect on its own.
 
-    An effect with a memory is shown over the time since a step of its driver instead, if the runs
-    are long enough to show it.
+    Only columns that vary are shown. An effect with a memory is shown over the time since a step of
+    its driver instead, if the runs are long enough to show it.
     """
-    if not state.accepted:
-        return ()
-    draws = _draws(state.fitted, seed)
     flat = state.setting.problem.flat
-    found = []
+    needed = [name for name in BASES[state.base].NEEDS if name in flat]
+    if not state.accepted and not needed:
+        return ()
+    draws = _draws(state, seed)
+    found = [_of_curve(state, column, draws) for column in needed]
     slots = slots_of(state.accepted)
     for number, effect in enumerate(state.accepted):
         parts = [slot for slot, place in enumerate(slots) if place[0] == number]
@@ -69,14 +66,26 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     return tuple(found)
 
 
-def _draws(fitted: Fitted, seed: int) -> np.ndarray:
-    """Parameters of the whole model, [draws, flat]: first the fitted ones, then drawn ones."""
+def _model(state: Selection) -> Model:
+    fitted = state.fitted
+    size, values = size_of(fitted.base, fitted.effects), fitted.base_values.tolist()
+    return pack(state.setting.problem, fitted.base, values, fitted.effects, size)
+
+
+def _draws(state: Selection, seed: int) -> np.ndarray:
+    """Parameters of the whole model, [draws, flat]: first the fitted ones, then drawn ones.
+
+    They stay in the ranges in which they are fitted.
+    """
+    fitted, model = state.fitted, _model(state)
+    free = len(fitted.places)
     matrix = covariance(fitted)
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS - 1, matrix.shape[0]))
     drawn = np.tile(fitted.values, (_DRAWS, 1))
-    drawn[1:, list(fitted.places)] += noise @ root.T
+    moved = drawn[1:, list(fitted.places)] + noise @ root.T
+    drawn[1:, list(fitted.places)] = np.clip(moved, model.lower[:free], model.upper[:free])
     return drawn
 
 
@@ -110,9 +119,23 @@ def _over(
             moved[condition] = laid(by_grid)
     factors = _factors(state, parts, draws, moved)
     factors = (factors[:, :, 0] if steady else factors.reshape(_DRAWS, -1))[:, : grid.size]
-    unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
     names = tuple(problem.name_of(column, label) for label in labels)
-    return _banded(effect.name, column, unit, grid, factors)._replace(labels=names)
+    return _banded(effect.name, column, _unit(column), grid, factors)._replace(labels=names)
+
+
+def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
+    """The dependence of the curve alone, relative to the least value of the column.
+
+    The slip is the largest measured one, since friction falls with the slip velocity.
+    """
+    problem = state.setting.problem
+    shape, values = problem.points.shape, problem.flat[column]
+    grid = np.linspace(values.min(), values.max(), min(_GRID, shape[0] * shape[1]))
+    slip = np.abs(np.asarray(problem.data.slip)[problem.points > 0]).max()
+    columns = {column: np.resize(grid, shape), "slip_ratio": np.full(shape, slip)}
+    adhesion = _adhesion(state, (), draws, columns).reshape(_DRAWS, -1)[:, : grid.size]
+    factors = _ratio(adhesion, adhesion[:, :1])
+    return _banded(state.base, column, _unit(column), grid, factors)
 
 
 def _after_step(
@@ -141,21 +164,28 @@ def _factors(
     columns: Mapping[str, np.ndarray],
 ) -> np.ndarray:
     """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
-    data = _at(state, columns)
-    fitted = state.fitted
-    size, values = size_of(fitted.base, fitted.effects), fitted.base_values.tolist()
-    model = pack(state.setting.problem, fitted.base, values, fitted.effects, size)
+    return _ratio(*(_adhesion(state, some, draws, columns) for some in (parts, ())))
+
+
+def _adhesion(
+    state: Selection,
+    parts: Sequence[int],
+    draws: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+) -> np.ndarray:
+    """Adhesion with those parts alone, of each draw of the parameters, [draws, runs, points]."""
+    data, model = _at(state, columns), _model(state)
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]
+    models = [model._replace(values=values, kind=kind) for values in draws]
+    return np.asarray(changes_of(models, data, np.zeros(data.slip.shape)))
 
-    def adhesion(kind: np.ndarray) -> np.ndarray:
-        models = [model._replace(values=values, kind=kind) for values in draws]
-        return changes_of(models, data, np.zeros(data.slip.shape))
 
-    plain = adhesion(np.zeros_like(kind))
+def _ratio(adhesion: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """One adhesion over another, of a limited size."""
     # Parameters that the data do not determine may be drawn so far out that a factor overflows.
     with np.errstate(invalid="ignore", over="ignore"):
-        factors = np.asarray(adhesion(kind) / np.where(plain == 0, 1.0, plain))
+        factors = adhesion / np.where(other == 0, 1.0, other)
     return np.clip(np.where(np.isfinite(factors), factors, _LARGEST), -_LARGEST, _LARGEST)
 
 
@@ -182,6 +212,10 @@ def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
     ]
     stacked += [np.ones(problem.points.shape)] * (len(problem.data.columns) - len(stacked))
     return Data(slip, problem.data.adhesion, problem.data.span, conditions, np.stack(stacked))
+
+
+def _unit(column: str) -> str:
+    return COLUMNS[column].unit if column in COLUMNS else "unit of the column"
 
 
 def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:

@@ -6,7 +6,15 @@ import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.types import Candidate, Errors, Findings, FoundEffect, Interval, Opinion
+from adhesion_jax.discovery.types import (
+    Candidate,
+    Dependence,
+    Errors,
+    Findings,
+    FoundEffect,
+    Interval,
+    Opinion,
+)
 from adhesion_jax.effects import KINDS
 from adhesion_jax.report.rendering import one_line, sentences_of
 from adhesion_jax.wording import listed, number, p_is
@@ -162,6 +170,7 @@ def verdict(findings: Findings) -> str:
         unlike=_unlike(findings),
         significant=rules.SIGNIFICANT,
         size_of=_size,
+        last_of=_last,
         values_at_bound=_values_at_bound,
         **{word.__name__: word for word in _WORDS},
     )
@@ -230,6 +239,13 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
     return (
         f"adhesion is {percent(abs(change))} {'lower' if change < 0 else 'higher'} where {column} "
         f"is {number(most.values[place])} than at its median"
+    )
+
+
+def _last(dependence: Dependence) -> Interval:
+    """The factor at the largest value of the column."""
+    return Interval(
+        *(float(one[-1]) for one in (dependence.factor, dependence.low, dependence.high))
     )
 
 
