@@ -18,7 +18,7 @@ from adhesion_jax.discovery.model.course import (
     Course,
     as_measured,
     noticeable,
-    size_of,
+    size_in_words,
     smoothed,
     told,
 )
@@ -213,10 +213,11 @@ def _smoothing_words(course: Course) -> list[str]:
     """That the slip is not as it was measured."""
     if course.runs is course.measured:
         return []
+    p = "" if course.noise.given else f" (p = {course.p:.2g})"
     return [
-        "The slip is smoothed in time: adhesion follows its course, and not the "
-        f"{size_of(course.noise)} by which single rows deviate from it. The law, its errors and "
-        "the figures are those of the smoothed slip; from a noisy one the law predicts worse."
+        f"The slip is smoothed in time: adhesion follows its course better{p} than the signal with "
+        f"its noise of {size_in_words(course.noise)}. The law, its errors and the figures but that "
+        "of slip events are those of the smoothed slip; from a noisy one the law predicts worse."
     ]
 
 

@@ -81,10 +81,13 @@ class Dependence(NamedTuple):
     column: str
     unit: str
     values: np.ndarray  # [grid]
-    factor: np.ndarray  # [grid]: adhesion relative to that of the curve alone
+    #: [grid]: adhesion relative to that of the curve alone; of a curve itself, relative to that at
+    #: the first value.
+    factor: np.ndarray
     low: np.ndarray  # [grid]: 95 % band
     high: np.ndarray
     labels: tuple[str, ...] = ()  # the names of the values, [grid], of a column of labels
+    at_slip: float = float("nan")  # that at which a curve itself is shown
 
 
 class Proposal(NamedTuple):

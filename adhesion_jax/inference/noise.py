@@ -1,10 +1,11 @@
 """The noise of measured runs: of the slip, from its course, and of adhesion, from the residual."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.sums import Variance
@@ -31,37 +32,38 @@ class SlipNoise(NamedTuple):
     spread: Float[np.ndarray, " rows"]  # standard deviation of the slip of each row
 
 
-def exact(rows: Rows) -> SlipNoise:
-    return SlipNoise(0.0, False, False, np.broadcast_to(0.0, rows.slip.shape))
+def exact(slip: Float[np.ndarray, " rows"]) -> SlipNoise:
+    return SlipNoise(0.0, False, False, np.broadcast_to(0.0, slip.shape))
 
 
 def slip_noise(
-    rows: Rows, speed: Float[np.ndarray, " rows"] | None, given: float | None
+    slip: Float[np.ndarray, " rows"],
+    speed: Float[np.ndarray, " rows"] | None,
+    courses: Sequence[Int[np.ndarray, " of_course"]],
+    given: float | None,
 ) -> SlipNoise:
     """The noise that is `given`, or that of stretches of 15 rows about parabolas of least squares.
 
-    Its variance is the median over the stretches, since in a few of them the slip may jump. It is
-    an upper bound, because a slip that truly jumps from row to row looks the same: how much of it
-    acts is judged by the residual (`weighing`). Without an order in time there is none to see.
+    `courses` are the rows of each signal in time. The variance is the median over the stretches,
+    since in a few of them the slip may jump. It is an upper bound, because a slip that truly jumps
+    from row to row looks the same: how much of it acts is judged by the residual (`weighing`).
+    Without an order in time there is none to see.
     """
     # To be found it has one size where the speed is constant; one that is given is in m/s.
     moving = speed is not None and (given is not None or bool(np.ptp(speed) > 0))
     per_row = 1 / np.maximum(speed, _SLOWEST) if moving and speed is not None else np.ones(1)
     if given is not None:
-        return SlipNoise(given, moving, True, np.broadcast_to(given * per_row, rows.slip.shape))
-    lengths = np.diff(rows.starts)
-    if not rows.ordered or lengths.max() < _STRETCH:
-        return exact(rows)
-    firsts = np.concatenate(
-        [
-            np.arange(start, start + length - _STRETCH + 1, _STRETCH // 3)
-            for start, length in zip(rows.starts[:-1], lengths, strict=True)
-        ]
-    )
-    firsts = firsts[:: -(-firsts.size // _MOST_STRETCHES)]
-    stretches = (rows.slip / np.broadcast_to(per_row, rows.slip.shape))[
-        firsts[:, None] + np.arange(_STRETCH)
-    ]
+        return SlipNoise(given, moving, True, np.broadcast_to(given * per_row, slip.shape))
+    firsts = [np.arange(0, rows.size - _STRETCH + 1, _STRETCH // 3) for rows in courses]
+    count = sum(one.size for one in firsts)
+    if count == 0:
+        return exact(slip)
+    every, before = -(-count // _MOST_STRETCHES), 0
+    chosen = []
+    for rows, one in zip(courses, firsts, strict=True):
+        chosen.append(rows[one[-before % every :: every, None] + np.arange(_STRETCH)])
+        before += one.size
+    stretches = (slip / np.broadcast_to(per_row, slip.shape))[np.concatenate(chosen)]
     parabola = np.linalg.qr(np.vander(np.linspace(-1, 1, _STRETCH), 3))[0]
     left = np.sum(stretches**2, axis=1) - np.sum((stretches @ parabola) ** 2, axis=1)
     degrees = _STRETCH - 3
@@ -69,8 +71,8 @@ def slip_noise(
     variance = np.median(np.maximum(left, 0.0)) / (degrees * (1 - 2 / (9 * degrees)) ** 3)
     sigma = float(np.sqrt(variance))
     if sigma <= _ROUNDING * float(np.abs(stretches).max()):
-        return exact(rows)
-    return SlipNoise(sigma, moving, False, np.broadcast_to(sigma * per_row, rows.slip.shape))
+        return exact(slip)
+    return SlipNoise(sigma, moving, False, np.broadcast_to(sigma * per_row, slip.shape))
 
 
 #: Lags at which rows are compared, at most; correlations of neighbours that are tried; times of a

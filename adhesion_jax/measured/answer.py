@@ -1,6 +1,7 @@
 """Every curve fitted to a measured record, and one answer for the peak from all of them."""
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -62,7 +63,8 @@ def fit_curves(
     known = {n: c for n, c in curves.items() if not missing_columns(c, record.conditions)}
     needed = {name for curve in known.values() for name in curve.NEEDS}
     rows = arranged(record, run, {*needed, *({SPEED} & record.conditions.keys())})
-    slip = slip_noise(rows, rows.conditions.get(SPEED), given)
+    courses = [np.arange(*ends) for ends in pairwise(rows.starts)] if rows.ordered else []
+    slip = slip_noise(rows.slip, rows.conditions.get(SPEED), courses, given)
     progress("search", 0.0)
     # The curve whose slope weighs rows of noisy slip, whichever curves are asked for.
     usual = {_WEIGHING: CURVES[_WEIGHING]} if slip.sigma else {}

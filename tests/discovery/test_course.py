@@ -121,3 +121,19 @@ def test_half_of_what_jumps_is_smoothed_as_a_noise_of_half_the_size():
     np.testing.assert_allclose(half.runs.whole.slip, alone.runs.whole.slip, rtol=1e-12)
     np.testing.assert_allclose(half.left.spread, alone.left.spread, rtol=1e-12)
     assert half.noise.sigma == pytest.approx(0.012)
+
+
+def test_noise_is_estimated_in_a_short_log_whose_blocks_have_a_few_rows_each():
+    draw = np.random.default_rng(6)
+    runs = log_of(0.05 + 2e-3 * draw.normal(size=300))
+    assert runs.blocks
+    assert runs.lengths.max() < 15
+    assert as_measured(runs, None).noise.sigma == pytest.approx(2e-3, rel=0.15)
+
+
+def test_what_differs_between_axles_in_turn_is_no_noise():
+    draw = np.random.default_rng(7)
+    axle, run = np.tile([1, 2], 300), np.repeat([1, 2], 300)
+    slip = np.where(axle == 1, 0.02, 0.05) + 1e-3 * draw.normal(size=600)
+    runs = log_of(slip, np.repeat(np.arange(300) / 10, 2), axle=axle, run=run)
+    assert as_measured(runs, None).noise.sigma == pytest.approx(1e-3, rel=0.15)

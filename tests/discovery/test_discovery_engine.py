@@ -398,6 +398,21 @@ def test_noise_of_a_wheel_speed_is_not_taken_for_a_lag(seed):
     assert found.unexplained == ()
 
 
+@pytest.mark.long
+def test_a_noisy_log_and_a_shorter_one_to_test_on_are_both_smoothed():
+    """Of the noise of the wheel speed alone, steep parts of the curve make twice that of adhesion.
+
+    The blocks of the shorter log have fewer rows than one in which noise can be seen.
+    """
+    log = one_log(seed=6, wheel_speed_noise=0.03, autocorrelation=0.0, runs=1, points=3000)
+    test = runs_of(log.test.iloc[:600])
+    assert test.lengths.max() < 15
+    found = discover(runs_of(log.train), test=test, seed=6)
+    assert [words for words in found.warnings if words.startswith("The slip is smoothed in time")]
+    assert [effect.name for effect in found.effects] == ["slip_noise"]
+    assert found.test.after.value < 1.3 * log.noise.sigma
+
+
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):
     with pytest.raises(
         InputError, match=r"^The curve pacejka is not known; name some of .*auto\.$"

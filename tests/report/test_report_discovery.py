@@ -298,12 +298,13 @@ def test_verdict_says_what_the_curve_itself_has_of_a_column():
         factor=np.array([1.0, 0.9]),
         low=np.array([1.0, 0.87]),
         high=np.array([1.0, 0.94]),
+        at_slip=0.21,
     )
     assert "by itself" not in verdict(findings)
     assert verdict(findings._replace(dependences=(of_curve, humidity, speed))) == (
-        f"{verdict(findings)} The curve burckhardt depends on vehicle_speed_mps by itself: at the "
-        "largest slip, adhesion at 10 m/s is 90.0 % [87.0, 94.0] of that at 4 m/s. That is a part "
-        "of the curve, and no cause is named for it."
+        f"{verdict(findings)} The curve burckhardt depends on vehicle_speed_mps by itself, most at "
+        "slip 0.21: there adhesion at 10 m/s is 90.0 % [87.0, 94.0] of that at 4 m/s. That is a "
+        "part of the curve, and no cause is named for it."
     )
 
 

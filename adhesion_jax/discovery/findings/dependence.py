@@ -23,6 +23,9 @@ _FEWEST_POINTS = 20
 #: Seconds after a step that are shown.
 _SECONDS = 10.0
 
+#: Number of slips, quantiles of those measured, of which the dependence of a curve is shown at one.
+_SLIPS = 17
+
 #: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
@@ -126,16 +129,22 @@ def _over(
 def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
     """The dependence of the curve alone, relative to the least value of the column.
 
-    The slip is the largest measured one, since friction falls with the slip velocity.
+    The slip is the one at which adhesion changes most, of some quantiles of those measured.
     """
     problem = state.setting.problem
     shape, values = problem.points.shape, problem.flat[column]
     grid = np.linspace(values.min(), values.max(), min(_GRID, shape[0] * shape[1]))
-    slip = np.abs(np.asarray(problem.data.slip)[problem.points > 0]).max()
-    columns = {column: np.resize(grid, shape), "slip_ratio": np.full(shape, slip)}
-    adhesion = _adhesion(state, (), draws, columns).reshape(_DRAWS, -1)[:, : grid.size]
-    factors = _ratio(adhesion, adhesion[:, :1])
-    return _banded(state.base, column, _unit(column), grid, factors)
+
+    def factors(slip: float, draws: np.ndarray) -> np.ndarray:
+        columns = {column: np.resize(grid, shape), "slip_ratio": np.full(shape, slip)}
+        adhesion = _adhesion(state, (), draws, columns).reshape(len(draws), -1)[:, : grid.size]
+        return _ratio(adhesion, adhesion[:, :1])
+
+    sizes = np.abs(np.asarray(problem.data.slip)[problem.points > 0])
+    slips = np.quantile(sizes, np.linspace(0, 1, _SLIPS)).tolist()
+    slip = max(slips, key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
+    shown = _banded(state.base, column, _unit(column), grid, factors(slip, draws))
+    return shown._replace(at_slip=slip)
 
 
 def _after_step(

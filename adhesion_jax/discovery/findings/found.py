@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.model.course import Course, size_of
+from adhesion_jax.discovery.model.course import Course, size_in_words
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     covariance,
@@ -252,10 +252,13 @@ def slip_noise_found(course: Course, validation: Errors) -> list[FoundEffect]:
     p = nothing if noise.given else course.p
     if not (noise.sigma and (noise.given or p <= rules.SCAN_SIGNIFICANT)):
         return []
-    what = size_of(noise)
-    smooth = course.runs is not course.measured
-    done = "it is smoothed in time" if smooth else "points where the curve is steep count less"
-    sentence = f"The slip signal has noise of {what} that adhesion does not follow: {done}."
+    what = size_in_words(noise)
+    sentence = (
+        f"The slip signal is stated to have noise of {what}; it is not smoothed."
+        if course.runs is course.measured
+        else f"The slip signal has noise of {what}, and adhesion follows its course better: it is "
+        "smoothed in time."
+    )
     return [
         FoundEffect(
             "slip_noise",

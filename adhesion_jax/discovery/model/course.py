@@ -6,9 +6,8 @@ import numpy as np
 from scipy.signal import oaconvolve
 
 from adhesion_jax.data.runs import RunSet
-from adhesion_jax.data.stretches import stretches
 from adhesion_jax.discovery.model.fitting import Fitted, slope_of
-from adhesion_jax.discovery.model.noise import slip_noise_of
+from adhesion_jax.discovery.model.noise import courses, slip_noise_of
 from adhesion_jax.inference.noise import SlipNoise
 
 #: Numbers of rows through which parabolas are laid.
@@ -38,8 +37,8 @@ class Course(NamedTuple):
     p: float  # that adhesion follows the course no better; NaN without one
 
 
-def size_of(noise: SlipNoise) -> str:
-    """The size of the noise in words."""
+def size_in_words(noise: SlipNoise) -> str:
+    """E.g. `0.03 m/s of a wheel speed`."""
     return f"{noise.sigma:.2g} {'m/s of a wheel speed' if noise.of_wheel_speed else 'of slip'}"
 
 
@@ -52,7 +51,7 @@ def as_measured(runs: RunSet, given: float | None) -> Course:
 def smoothed(course: Course, share: float = 1.0) -> Course:
     """The slip of each row by the parabolas of least squares through it and its neighbours.
 
-    Of what deviates from them in 15 rows that share is taken for noise. The slip is the mean of the
+    That share of the noise of the slip as measured is taken for noise. The slip is the mean of the
     parabolas of all stretches of 9 to 257 rows that hold the row. The weight of each is exp(-x/2)
     over the variance of its value there, x by how much the squares of four further orders of
     polynomials in it, in units of the noise, exceed the 4 that noise makes: a slip that moves fast
@@ -60,17 +59,12 @@ def smoothed(course: Course, share: float = 1.0) -> Course:
     or no noise.
     """
     runs, noise, whole = course.runs, course.noise, course.runs.whole
-    if not noise.sigma or "time_s" not in whole.conditions:
+    series = courses(runs) if noise.sigma else []
+    if not series:
         return course
     noise = noise._replace(sigma=share * noise.sigma, spread=share * noise.spread)
-    # Blocks of one run follow each other.
-    number = np.repeat(np.arange(runs.starts.size), runs.lengths)
-    series = np.zeros_like(number) if runs.blocks else number
-    if "axle" in whole.conditions:
-        axles, axle = np.unique(whole.conditions["axle"], return_inverse=True)
-        series = series * axles.size + axle
     slip, spread = whole.slip.copy(), noise.spread.copy()
-    for rows in stretches(whole.conditions["time_s"], series):
+    for rows in series:
         slip[rows], spread[rows] = _settled(whole.slip[rows], noise.spread[rows])
     conditions = whole.conditions
     if _VELOCITY in conditions and "vehicle_speed_mps" in conditions:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from adhesion_jax.data.runs import RunSet
+from adhesion_jax.data.stretches import stretches
 from adhesion_jax.discovery.model.fitting import sigma_of
 from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.effects.law import CorrectedLaw
@@ -28,9 +29,26 @@ def rows_of(runs: RunSet) -> Rows:
     )  # fmt: skip
 
 
+def courses(runs: RunSet) -> list[np.ndarray]:
+    """The rows of each signal of the slip in time, without a gap; none where there is no time.
+
+    There is one for each run and axle; blocks of one run follow each other.
+    """
+    conditions = runs.whole.conditions
+    if "time_s" not in conditions:
+        return []
+    number = np.repeat(np.arange(runs.starts.size), runs.lengths)
+    series = np.zeros_like(number) if runs.blocks else number
+    if "axle" in conditions:
+        axles, axle = np.unique(conditions["axle"], return_inverse=True)
+        series = series * axles.size + axle
+    return list(stretches(conditions["time_s"], series))
+
+
 def slip_noise_of(runs: RunSet, given: float | None) -> SlipNoise:
-    """The noise of the slip by its course in time, or as given (`inference.slip`)."""
-    return slip_noise(rows_of(runs), runs.whole.conditions.get("vehicle_speed_mps"), given)
+    """The noise of the slip by its course in time, or as given (`inference.noise`)."""
+    whole = runs.whole
+    return slip_noise(whole.slip, whole.conditions.get("vehicle_speed_mps"), courses(runs), given)
 
 
 class Left(NamedTuple):

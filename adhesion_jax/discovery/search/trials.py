@@ -176,7 +176,7 @@ def ranked(
         elif score.entry.name in members:
             decision = f"in the class of {members[0]}"
         else:
-            decision = "explains less"
+            decision = "not significant" if score.p > rules.SIGNIFICANT else "explains less"
         rows.append(
             Candidate(number, _label(score), score.z, score.p, gained.total, gained.error, decision)
         )
