@@ -4,6 +4,7 @@ The runs are divided into shards. The first shards have the cases without noise,
 together; in each of those that follow are some noisy runs of one case, the cases by turns.
 """
 
+import operator
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ from adhesion_jax.campaign.pool import Processes
 from adhesion_jax.campaign.rows import segment_rows
 from adhesion_jax.campaign.store import Arrays, Content, Tell
 from adhesion_jax.metrics.closed_loop import FIGURES
-from adhesion_jax.metrics.moments import KnownMoments, plus
+from adhesion_jax.metrics.moments import KnownMoments
 from adhesion_jax.runtime import CORES, silent
 from adhesion_jax.traction.loop import Loop, Timing, Trace, check, first_row, timing
 from adhesion_jax.traction.plants.base import Plant
@@ -218,7 +219,8 @@ def added(cases: Sequence[Named], parts: Iterable[Arrays]) -> Judged:
             sums = [dict(zip(FIGURES, part[kind][lane], strict=True)) for kind in _SUMS]
             own = KnownMoments(int(part["summed runs"]), *sums)
             key = case, noise
-            moments[key] = plus(moments[key], own) if key in moments else own
+            known = moments.get(key)
+            moments[key] = own if known is None else jax.tree.map(operator.add, known, own)
             if leaves:
                 traces[case] = [leaf[lane] for leaf in leaves]
         took.update({name: part[name].item() for name in ("seconds", "compile_seconds", "steps")})

@@ -131,30 +131,27 @@ class Identification(Identified):
     @property
     def mu_max(self) -> float:
         """The largest adhesion, by all curves together; NaN with a veto."""
-        return self._level.value
+        return self._told[0].value
 
     @property
     def mu_max_interval(self) -> tuple[float, float]:
         """It includes the choice of the curve; open where the points show no peak."""
-        return self._level.low, self._level.high
+        return self._told[0].low, self._told[0].high
 
     @property
-    def _level(self) -> Estimate:
-        return standing(self.answer, self.judgement)[0]
-
-    @property
-    def _place(self) -> Estimate:
-        return standing(self.answer, self.judgement)[1]
+    def _told(self) -> tuple[Estimate, Estimate]:
+        """The largest adhesion and its slip."""
+        return standing(self.answer, self.judgement)
 
     @property
     def slip_opt(self) -> float:
         """The slip of the largest adhesion; NaN where the points show no peak."""
-        return self._place.value
+        return self._told[1].value
 
     @property
     def slip_opt_interval(self) -> tuple[float, float]:
         """It includes the choice of the curve; NaN where the points show no peak."""
-        return self._place.low, self._place.high
+        return self._told[1].low, self._told[1].high
 
     @property
     def verdict(self) -> str:

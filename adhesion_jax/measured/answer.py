@@ -138,10 +138,7 @@ def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
     counted = [(fit, weights[name]) for name, fit in fits.items() if weights[name] > _LEAST_WEIGHT]
     peaked = [(fit, weight) for fit, weight in counted if fit.peak.found]
     with_peak = sum(weight for _, weight in peaked)
-    level = []
-    for fit, weight in counted:
-        (error,), (degrees,) = fit.errors(fit.peak.by_law[None])
-        level.append((fit.peak.adhesion, float(error), float(degrees), weight))
+    level = [(fit.peak.adhesion, fit.mu_max_se, fit.degrees, weight) for fit, weight in counted]
     return Answer(
         weights,
         _mixture(level),

@@ -1,22 +1,12 @@
 """Means over runs with their Monte Carlo standard errors, summed up part by part."""
 
-import operator
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-T = TypeVar("T")
-
-
-def plus(one: T, other: T) -> T:
-    """What two parts of the runs add up to, moments and other sums alike."""
-    added: T = jax.tree.map(operator.add, one, other)
-    return added
 
 
 class Moments(NamedTuple):

@@ -88,7 +88,8 @@ def simulate(
     planted = {name: _planted(of, name, strength, seed, clean_runs) for name, of in plans.items()}
     clean, slip = _applied(tuple(planted.values()), truth.slip, curve)
     adhesion = noisy(clean, noise, chance[2])
-    table = _table(truth, slip, adhesion, chance[3])
+    table = table_of(truth.columns, slip, adhesion)
+    table["vehicle_speed_mps"] *= 1 + 1e-3 * chance[3].standard_normal(len(table))
     kept = [*TABLE_COLUMNS, *extra]
     held_out = chance[4].permutation(runs)[: max(round(_TEST * runs), 1)]
     is_test = np.isin(np.arange(runs), held_out)
@@ -223,16 +224,15 @@ def _autoregressive(
     return found
 
 
-def _table(
-    truth: Runs, slip: np.ndarray, adhesion: np.ndarray, generator: np.random.Generator
+def table_of(
+    columns: Mapping[str, np.ndarray], slip: np.ndarray, adhesion: np.ndarray
 ) -> pd.DataFrame:
-    speed = truth.columns["vehicle_speed_mps"]
+    """What is measured, one row a point."""
     arrays = {
-        **truth.columns,
-        "vehicle_speed_mps": speed * (1 + 1e-3 * generator.standard_normal(speed.shape)),
+        **columns,
         "slip_ratio": slip,
-        "slip_velocity_mps": slip * speed,
+        "slip_velocity_mps": slip * columns["vehicle_speed_mps"],
         "adhesion": adhesion,
     }
     table = pd.DataFrame({name: values.ravel() for name, values in arrays.items()})
-    return table.astype({"run": int, "sanding": int})
+    return table.astype({name: int for name in ("run", "sanding") if name in table})

@@ -133,21 +133,18 @@ class Fit(NamedTuple):
 
     slope: float
     slope_error: float
-    intercept: float
 
 
 def power_law(points: Numbers, rmse: Numbers, rmse_error: Numbers) -> Fit:
-    """The line log RMSE = intercept + slope log n by least squares.
+    """The slope of the line log RMSE = constant + slope log n by least squares.
 
     Weighted with the errors of log RMSE. The RMSEs are independent of each other, so the slope's
     error follows from theirs alone.
     """
-    weight = (rmse / rmse_error) ** 2
-    x, y = np.log(points), np.log(rmse)
-    x_mean, y_mean = np.average(x, weights=weight), np.average(y, weights=weight)
-    spread = np.sum(weight * (x - x_mean) ** 2)
-    slope = np.sum(weight * (x - x_mean) * (y - y_mean)) / spread
-    return Fit(float(slope), float(spread**-0.5), float(y_mean - slope * x_mean))
+    line, covariance = np.polyfit(
+        np.log(points), np.log(rmse), 1, w=rmse / rmse_error, cov="unscaled"
+    )
+    return Fit(float(line[0]), float(np.sqrt(covariance[0, 0])))
 
 
 def consistency_table(

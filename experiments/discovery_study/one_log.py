@@ -10,7 +10,7 @@ from adhesion_jax.curves.burckhardt import Burckhardt
 from adhesion_jax.errors import InputError
 from adhesion_jax.simulation.locomotive_log import LogCourse, burckhardt, dry, falling
 from experiments.campaigns.base import misfit, rms
-from experiments.campaigns.simulator import SetNoise, SimulatedSet, noisy
+from experiments.campaigns.simulator import SetNoise, SimulatedSet, noisy, table_of
 
 #: Seconds between two points.
 _STEP = 0.1
@@ -73,7 +73,7 @@ def one_log(
         speed = course.columns["vehicle_speed_mps"]
         slip = course.slip + wheel_speed_noise * generator.standard_normal(speed.shape) / speed
         adhesion = noisy(clean(course), noise, generator)
-        return _table(course, slip, adhesion), adhesion
+        return table_of(course.columns, slip, adhesion), adhesion
 
     table, _ = measured(train, 3)
     held_out, adhesion = measured(test, 4)
@@ -206,14 +206,3 @@ def _amount(name: str, course: LogCourse, law: Burckhardt, sigma: float) -> floa
 def _visible(law: Burckhardt, course: LogCourse, clean: np.ndarray) -> float:
     """Rms misfit of the base curve over the points of the events, refitted to these points."""
     return misfit(law, course.slip, clean, {}, course.event)
-
-
-def _table(course: LogCourse, slip: np.ndarray, adhesion: np.ndarray) -> pd.DataFrame:
-    arrays = {
-        **course.columns,
-        "slip_ratio": slip,
-        "slip_velocity_mps": slip * course.columns["vehicle_speed_mps"],
-        "adhesion": adhesion,
-    }
-    table = pd.DataFrame({name: values.ravel() for name, values in arrays.items()})
-    return table.astype({name: int for name in ("run", "sanding") if name in table})

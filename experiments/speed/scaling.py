@@ -63,19 +63,12 @@ def batch_on(device: jax.Device, config: Config, name: str) -> Batch:
     return Batch(lambda: jax.block_until_ready(ready(*given)), seconds)
 
 
-class Size(NamedTuple):
-    """One quantity that is varied, and its value."""
-
-    along: str
-    value: int
-
-
-def sizes() -> list[Size]:
-    """All that is timed, in order."""
+def sizes() -> list[tuple[str, int]]:
+    """What is varied, with each of its values, in the order in which they are timed."""
     return [
-        *(Size("runs", runs) for runs in RUN_COUNTS),
-        *(Size("points", points) for points in POINT_COUNTS),
-        *(Size("members", members) for members in MEMBER_COUNTS),
+        *(("runs", runs) for runs in RUN_COUNTS),
+        *(("points", points) for points in POINT_COUNTS),
+        *(("members", members) for members in MEMBER_COUNTS),
     ]
 
 

@@ -183,7 +183,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                 effect.p,
                 validation.after.value * float(np.sqrt(ratio)),
                 _sentence(effect),
-                acts_on(effect),
+                _acts_on(effect.parts[0]),
                 tuple(at_bound),
                 effect.by_trees,
             )
@@ -211,11 +211,6 @@ _BENT = {
     "offset": "mu + g",
     "shift": "mu(l + g)",
 }
-
-
-def acts_on(effect: Accepted) -> str:
-    """The part of the curve on which the effect acts: that of its first part, or the level."""
-    return _acts_on(effect.parts[0])
 
 
 def _acts_on(part: Effect) -> str:
