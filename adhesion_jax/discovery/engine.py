@@ -12,7 +12,7 @@ from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import alike, block_means, condensed, hidden_shares
 from adhesion_jax.data.reading import POINTS
 from adhesion_jax.data.runs import Rows, RunSet
-from adhesion_jax.discovery.findings.summary import law_of, summarise
+from adhesion_jax.discovery.findings.summary import law_of, smoothing_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.course import (
     Course,
@@ -100,11 +100,14 @@ def discover(
     noise = measured.noise if blocks is runs else slip_noise_of(blocks, slip_noise)
     plain = _without_effects(runs, blocks, noise.spread, bases)
     same = echoes(plain.fitted)
+    unsmoothed, tests = plain, None
     course, blocks, plain = _on_course(measured, blocks, plain, bases)
     if course.runs is not runs:
         runs = course.runs
-        share = course.noise.sigma / measured.noise.sigma
-        test = None if test is None else smoothed(as_measured(test, slip_noise), share).runs
+        if test is not None:
+            share = course.noise.sigma / measured.noise.sigma
+            tests = test, smoothed(as_measured(test, slip_noise), share).runs
+            test = tests[1]
     problem = plain.setting.problem
     entries = [entry for entry in library_of(problem) if not same.keys() & {*entry.covariates}]
     final = search(plain, entries, seed, progress)
@@ -118,6 +121,8 @@ def discover(
         warnings.append(f"No correction by boosted trees was made: {_without_trees(final)}")
     progress("measuring the errors", 0.95)
     found = summarise(course, blocks, plain, final, opinion, test, warnings, correct, seed)
+    if course.runs is not measured.runs:
+        found = found._replace(smoothing=smoothing_of(unsmoothed, plain, course, tests, seed))
     seconds = time.perf_counter() - began
     return found._replace(source=source, citation=citation, seconds=seconds)
 

@@ -148,3 +148,6 @@ class Findings(NamedTuple):
     #: The errors of the law (before) and of the trees of the opinion on top of it (after) on the
     #: test set; None if that was not asked for, or if the trees predict nothing.
     with_trees: Errors | None = None
+    #: Where the slip was smoothed: the errors of the curve alone with the slip as measured (before)
+    #: and with the smoothed one (after), on the test set, or else on runs left out.
+    smoothing: Errors | None = None

@@ -411,6 +411,8 @@ def test_a_noisy_log_and_a_shorter_one_to_test_on_are_both_smoothed():
     assert [words for words in found.warnings if words.startswith("The slip is smoothed in time")]
     assert [effect.name for effect in found.effects] == ["slip_noise"]
     assert found.test.after.value < 1.3 * log.noise.sigma
+    assert found.smoothing.after == found.test.before
+    assert found.smoothing.before.value > 2 * log.noise.sigma
 
 
 def test_a_base_that_is_not_known_or_lacks_its_column_is_refused(campaign, train):

@@ -413,6 +413,29 @@ def test_a_correction_that_helps_nothing_unseen_is_not_praised():
     assert "removes" not in words
 
 
+def test_the_error_with_the_slip_as_measured_is_told_where_it_was_smoothed():
+    """The errors before and after the effects are both of the smoothed slip."""
+    findings = two_effects()
+    smoothing = made_errors(0.02857, 0.01588, 8)
+    smooth = findings._replace(smoothing=smoothing)
+    words = verdict(smooth)
+    assert "the error falls from 0.01588 to 0.01031" in words
+    assert (
+        "With the slip as measured, before it was smoothed, the error of the curve alone is 0.0"
+        in words
+    )
+    same = smooth._replace(test=findings.test._replace(after=findings.test.before))
+    words = verdict(same)
+    assert "the error falls from 0.02857 with the slip as measured to 0.01588 [0.01478" in words
+    assert "with the smoothed one, which removes 69.1 %" in words
+    assert "With the slip as measured, before it was smoothed, it is 0.02857." in verdict(
+        null()._replace(smoothing=smoothing)
+    )
+    rows = [row[0] for row in errors_table(smooth).rows]
+    assert rows == ["test, slip smoothed", "training", "cross-validation", "test"]
+    assert report_json(smooth)["rmse"]["smoothing"] == {"before": 0.02857, "after": 0.01588}
+
+
 def test_test_data_unlike_the_training_data_are_told():
     findings = two_effects()
     assert "unlike" not in verdict(findings)

@@ -55,7 +55,7 @@ def by_run(runs: RunSet, sum_of: Callable[[slice], float]) -> np.ndarray:
     return np.array([sum_of(slice(*run)) for run in zip(runs.starts, ends, strict=True)])
 
 
-def _squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
+def squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
     """The sum of squared errors of each run."""
 
     def of_run(rows: slice) -> float:
@@ -66,7 +66,7 @@ def _squares(runs: RunSet, adhesion: np.ndarray) -> np.ndarray:
 
 
 def errors_of(runs: RunSet, before: np.ndarray, after: np.ndarray, seed: int) -> Errors:
-    return errors(_squares(runs, before), _squares(runs, after), runs.lengths, seed)
+    return errors(squares(runs, before), squares(runs, after), runs.lengths, seed)
 
 
 def validation_of(
@@ -78,8 +78,13 @@ def validation_of(
     seed: int,
 ) -> Errors:
     """Errors of runs left out one by one: those of the fit times the growth of their loss."""
-    bare = _squares(runs, before) * _growth(plain)
-    return errors(bare, _squares(runs, after) * _growth(final), runs.lengths, seed)
+    bare, whole = left_out(runs, before, plain), left_out(runs, after, final)
+    return errors(bare, whole, runs.lengths, seed)
+
+
+def left_out(runs: RunSet, adhesion: np.ndarray, fitted: Fitted) -> np.ndarray:
+    """The sum of squared errors of each run if it were left out of the fit."""
+    return squares(runs, adhesion) * _growth(fitted)
 
 
 def _growth(fitted: Fitted) -> np.ndarray:

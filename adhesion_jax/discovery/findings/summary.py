@@ -17,7 +17,14 @@ from adhesion_jax.discovery.findings.cautions import (
     untested,
 )
 from adhesion_jax.discovery.findings.dependence import dependences
-from adhesion_jax.discovery.findings.errors_by_run import by_run, errors_of, validation_of
+from adhesion_jax.discovery.findings.errors_by_run import (
+    by_run,
+    errors,
+    errors_of,
+    left_out,
+    squares,
+    validation_of,
+)
 from adhesion_jax.discovery.findings.found import (
     found_effects,
     slip_noise_found,
@@ -121,6 +128,29 @@ def summarise(
         least_p=least_p(problem.runs),
         with_trees=with_trees,
     )
+
+
+def smoothing_of(
+    measured: Selection,
+    smooth: Selection,
+    course: Course,
+    tests: tuple[RunSet, RunSet] | None,
+    seed: int,
+) -> Errors:
+    """The errors of the best curves alone with the slip as measured and smoothed (`Findings`).
+
+    `tests` are the test runs with either slip.
+    """
+
+    def of(state: Selection, runs: RunSet, test: RunSet | None) -> np.ndarray:
+        law = law_of(state, ranges_of(state.setting.problem, runs))
+        if test is None:
+            return left_out(runs, predicted(law, runs), state.fitted)
+        return squares(test, predicted(law, test))
+
+    raw, settled = tests or (None, None)
+    before, after = of(measured, course.measured, raw), of(smooth, course.runs, settled)
+    return errors(before, after, (raw or course.runs).lengths, seed)
 
 
 def _on_test(

@@ -91,6 +91,7 @@ def report_json(findings: Findings) -> dict[str, object]:
         "train": findings.train,
         "test": findings.test,
         "test_with_trees": findings.with_trees,
+        "smoothing": findings.smoothing,
     }
     opinion = findings.opinion
     told = {

@@ -115,7 +115,9 @@ def acts_on(effect: FoundEffect) -> str:
 
 def errors_by_data(findings: Findings) -> dict[str, Errors]:
     """The errors before and after, by the data that they are of."""
+    unseen = "cross-validation" if findings.test is None else "test"
     errors = {
+        f"{unseen}, slip smoothed": findings.smoothing,
         "training": findings.train,
         "cross-validation": findings.validation,
         "test": findings.test,
