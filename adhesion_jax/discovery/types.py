@@ -82,7 +82,7 @@ class Dependence(NamedTuple):
     unit: str
     values: np.ndarray  # [grid]
     #: [grid]: adhesion relative to that of the curve alone; of a curve itself, relative to that at
-    #: the first value.
+    #: the first value, or of braking to that of traction over the slip.
     factor: np.ndarray
     low: np.ndarray  # [grid]: 95 % band
     high: np.ndarray

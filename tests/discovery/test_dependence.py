@@ -113,3 +113,20 @@ def test_the_band_of_a_curve_has_no_friction_that_rises_with_the_slip_velocity()
     (shown,) = dependences(state, seed=0)
     # What is left of friction is at most all of it, however little the data determine it.
     assert (shown.high <= 1 + 1e-9).all()
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.0])
+def test_the_curve_of_braking_is_shown_over_that_of_traction_where_it_differs(factor):
+    draw = np.random.default_rng(10)
+    table = campaign(draw, kind="both")
+    own = np.where(table["slip_ratio"] < 0, factor, 1.0)
+    table["adhesion"] = own * curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
+    shown = dependences(Selection(alone(table)), seed=0)
+    if factor == 1.0:
+        assert shown == ()
+    else:
+        (braking,) = shown
+        assert (braking.effect, braking.column) == ("burckhardt", "slip_ratio")
+        largest = braking.values > 0.01
+        np.testing.assert_allclose(braking.factor[largest], 0.8, atol=0.01)
+        assert braking.high[largest].max() < 0.85

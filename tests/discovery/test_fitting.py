@@ -39,7 +39,7 @@ from adhesion_jax.discovery.model.prediction import (
     gain_of,
     held_out_loss,
 )
-from adhesion_jax.effects import Covariate, ModeAsymmetry
+from adhesion_jax.effects import Covariate
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.inference.sums import TUNING
 
@@ -513,18 +513,6 @@ def test_the_jacobian_of_a_curve_alone_is_that_of_finite_differences(table, base
         slope = (seen(values + step) - seen(values - step)) / (2 * step[place])
         size = np.abs(root * slope).max()
         assert fitted.jacobian[place] == pytest.approx(root * slope, abs=1e-6 * size)
-
-
-@pytest.mark.parametrize("true", [0.0, -0.05])
-def test_a_difference_of_traction_and_braking_is_that_of_the_whole_curve(true):
-    """Where a bias of the slip, 0.002, parts the branches near slip 0: on average by 0.03 here."""
-    draw = np.random.default_rng(3)
-    table = campaign(draw, kind="both")
-    both = curve(table["slip_ratio"] - 0.002) * (1 + true * np.sign(table["slip_ratio"]))
-    table["adhesion"] = both * levels(draw, table, 0.01) + noise(draw, correlation=0.3)
-    fitted = nearly_fitted(setting_of(table, 0.006), "burckhardt", TRUE, (ModeAsymmetry(0.03),))
-    (effect,) = fitted.effects
-    assert float(effect.k) == pytest.approx(true - 0.03, abs=0.02)
 
 
 def test_models_beside_each_other_have_each_the_peak_of_its_own_curve():

@@ -308,6 +308,24 @@ def test_verdict_says_what_the_curve_itself_has_of_a_column():
     )
 
 
+def test_verdict_says_how_braking_differs():
+    findings = two_effects()
+    braking = findings.dependences[0]._replace(
+        effect=findings.base,
+        column="slip_ratio",
+        values=np.array([0.05, 0.1, 0.2]),
+        factor=np.array([0.9, 0.7, 0.8]),
+        low=np.array([0.85, 0.68, 0.7]),
+        high=np.array([0.95, 0.73, 0.9]),
+        at_slip=0.1,
+    )
+    assert verdict(findings._replace(dependences=(braking,))).endswith(
+        "The curve burckhardt is another one in braking, most at slip 0.1: there its adhesion is "
+        "70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and no cause is "
+        "named for it."
+    )
+
+
 def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
     ranking = tuple(
         row._replace(p_adjusted=0.0005, decision="no gain in cross-validation")

@@ -42,15 +42,17 @@ _TIMES = ("time_s", "run")
 def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     """The dependences of the curve on the columns that it needs, and of every effect on its own.
 
-    Only columns that vary are shown. An effect with a memory is shown over the time since a step of
-    its driver instead, if the runs are long enough to show it.
+    Only columns that vary are shown, and of the curve braking where it surely differs. An effect
+    with a memory is shown over the time since a step of its driver instead, if the runs are long
+    enough to show it.
     """
     flat = state.setting.problem.flat
     needed = [name for name in BASES[state.base].NEEDS if name in flat]
-    if not state.accepted and not needed:
+    if not state.accepted and not needed and state.setting.problem.branches == 1:
         return ()
     draws = _draws(state, seed)
     found = [_of_curve(state, column, draws) for column in needed]
+    found += _of_braking(state, draws)
     slots = slots_of(state.accepted)
     for number, effect in enumerate(state.accepted):
         parts = [slot for slot, place in enumerate(slots) if place[0] == number]
@@ -145,6 +147,34 @@ def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
     slip = max(slips, key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
     shown = _banded(state.base, column, _unit(column), grid, factors(slip, draws))
     return shown._replace(at_slip=slip)
+
+
+def _of_braking(state: Selection, draws: np.ndarray) -> list[Dependence]:
+    """The curve of braking relative to that of traction, over the slips that both reach.
+
+    None unless one of them surely differs: by more standard deviations than in 19 of 20 draws the
+    largest difference of a draw from the fit is.
+    """
+    problem = state.setting.problem
+    if problem.branches == 1:
+        return []
+    slip = np.asarray(problem.data.slip)[problem.points > 0]
+    shape, reach = problem.points.shape, min(slip.max(), -slip.min())
+    count = min(_GRID, shape[0] * shape[1])
+    grid = reach * np.arange(1, count + 1) / count
+    traction, braking = (
+        _adhesion(state, (), draws, {"slip_ratio": np.resize(side * grid, shape)}).reshape(
+            _DRAWS, -1
+        )[:, :count]
+        for side in (1.0, -1.0)
+    )
+    factors = _ratio(-braking, traction)
+    spread = np.maximum(factors[1:].std(axis=0), 1e-12)
+    away = np.abs(factors - np.where(np.arange(_DRAWS)[:, None] == 0, 1.0, factors[0])) / spread
+    if away[0].max() <= np.quantile(away[1:].max(axis=1), 0.95):
+        return []
+    shown = _banded(state.base, "slip_ratio", "1", grid, factors)
+    return [shown._replace(at_slip=float(grid[np.argmax(np.abs(factors[0] - 1))]))]
 
 
 def _after_step(

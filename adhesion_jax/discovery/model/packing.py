@@ -25,10 +25,6 @@ from adhesion_jax.effects.shape import ACTS_ON, prior_precision
 _APART = 0.5
 _SMOOTH = 1 / (2 * np.arange(BELOW_EFFECTS) + 1.0)
 
-#: Means of the functions of a departure over its range, and the prior standard deviation of the
-#: mean of what braking adds where an effect tells that mean.
-_MEANS, _NO_MEAN = 1 / (np.pi * (np.arange(BELOW_EFFECTS) + 0.5)), 0.01
-
 
 class Layout(NamedTuple):
     """Where numbers stand in a model, and the branches of the program."""
@@ -70,11 +66,6 @@ def _of_parts(_: tuple[int, ...]) -> Layout:
 
 def layout() -> Layout:
     return _of_parts(tuple(map(id, parts())))
-
-
-def apart() -> range:
-    """Where the factors stand that braking adds."""
-    return range(layout().curve + BELOW_EFFECTS, layout().base)
 
 
 @cache
@@ -144,11 +135,6 @@ def pack(
     sizes = problem.bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
     bent = range(len(described), len(places))
     precision[bent, bent] = sizes**-2.0
-    if problem.branches == 2 and any("mode" in effect.FACTS.needs for effect in effects):
-        # The departure is 0 at slip 0, so that the effect would otherwise fit the least slips alone
-        # and leave the difference of traction and braking to the departure.
-        braking = bent[BELOW_EFFECTS:]
-        precision[np.ix_(braking, braking)] += np.outer(_MEANS, _MEANS) / _NO_MEAN**2
     for slot, effect in enumerate(effects):
         kind[slot] = 1 + [*KINDS.values()].index(type(effect))
         named = [getattr(effect, name) for name in words_of(type(effect))]

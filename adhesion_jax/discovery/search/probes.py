@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from adhesion_jax.curves import Scalar
 from adhesion_jax.discovery.model.fitting import Fitted, levels_of, raw_changes
-from adhesion_jax.discovery.model.packing import apart, words_of
+from adhesion_jax.discovery.model.packing import words_of
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.effects import Covariate, Effect, ShapeTerm
@@ -56,18 +56,14 @@ class Null(NamedTuple):
     changed: Mapping[str, np.ndarray]  # [runs, points]: per constant in the place of a ShapeTerm
 
 
-def null_of(
-    fitted: Fitted, beside: Sequence[Effect] = (), shared: bool = False, within: bool = False
-) -> Null:
+def null_of(fitted: Fitted, beside: Sequence[Effect] = (), within: bool = False) -> Null:
     """The model, its Jacobian and the probes `beside` projected out of what is tested.
 
-    If the curve is to be `shared`, what only braking adds to its departure is not given: beside it
-    no difference of traction and braking could be told. What is tested `within` runs has the level
-    of each run given, and stretches of the runs for clusters.
+    What is tested `within` runs has the level of each run given, and stretches of the runs for
+    clusters.
     """
     root = fitted.setting.root
     inside = root > 0
-    braking = apart()
     constants = [Covariate(_NUDGE, 0.0, 1.0, column="", acts_on=acts_on) for acts_on in ACTS_ON]
     changed = dict(zip(ACTS_ON, raw_changes(fitted, constants) / _NUDGE, strict=True))
     unit, variance = levels_of(fitted)
@@ -83,10 +79,8 @@ def null_of(
     whole = np.concatenate(
         [
             levels,
-            fitted.jacobian[:, inside].T[:, [place not in braking for place in fitted.places]]
-            if shared
-            else fitted.jacobian[:, inside].T,
-            _of_slip(fitted, inside, shared),
+            fitted.jacobian[:, inside].T,
+            _of_slip(fitted, inside),
             _of_smoothing(plain, fitted.setting.problem.data.slip, root * changed["shift"]),
             # A constant in the place of a term is another curve, and no effect of a column.
             np.stack([(root * change)[inside] for change in changed.values()], axis=1),
@@ -166,7 +160,7 @@ def beside_levels(null: Null, flat: np.ndarray) -> np.ndarray:
     return flat - level * (1 - null.kept[:, None]) * along
 
 
-def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
+def _of_slip(fitted: Fitted, inside: np.ndarray) -> np.ndarray:
     """What any function of the slip would change, in units of the noise, [points, functions].
 
     Natural cubic splines of the rank of the slip, times the prediction, for traction and braking
@@ -175,7 +169,7 @@ def _of_slip(fitted: Fitted, inside: np.ndarray, shared: bool) -> np.ndarray:
     slip = np.asarray(fitted.setting.problem.data.slip)[inside]
     level = (fitted.setting.root * fitted.adhesion)[inside]
     found = []
-    for branch in [np.ones(slip.size, bool)] if shared else (slip >= 0, slip < 0):
+    for branch in (slip >= 0, slip < 0):
         count = int(branch.sum())
         knots = min(_KNOTS, count // _POINTS_A_KNOT)
         if knots < 3:

@@ -57,7 +57,7 @@ def search(
         share = 0.6 * number / rules.MOST_ROUNDS
         progress(f"looking for effect {number + 1}", 0.1 + share)
         nulls = _nulls(state, beside(state, entries))
-        scores = screen(_parts(state, nulls, _open(entries, state)), seed + number)
+        scores = screen(_apart(nulls, _open(entries, state)), seed + number)
         needed = scores[0].needed if scores else np.nan
         state = state._replace(thresholds=(*state.thresholds, needed))
         found = _next(state, scores, rules.SIGNIFICANT, number, seed)
@@ -111,18 +111,6 @@ def _nulls(state: Selection, given: Sequence[Effect]) -> list[Null]:
     """The model and what is given, in a test by signs of the runs and in one within them."""
     whole = not state.setting.problem.blocks
     return [null_of(state.fitted, given, within=within) for within in (False, True)[: 1 + whole]]
-
-
-def _parts(
-    state: Selection, nulls: Sequence[Null], entries: Sequence[Entry]
-) -> list[tuple[Sequence[Null], Sequence[Entry]]]:
-    """The entries with all that is given where they are tested."""
-    of_branches = [entry for entry in entries if entry.covariates == ("mode",)]
-    of_both = [entry for entry in entries if entry.covariates != ("mode",)]
-    if not of_branches:
-        return _apart(nulls, of_both)
-    shared = null_of(state.fitted, beside(state, entries), True)
-    return [*_apart(nulls, of_both), ([shared], of_branches)]
 
 
 def _apart(

@@ -172,7 +172,7 @@ def verdict(findings: Findings) -> str:
         unlike=_unlike(findings),
         significant=rules.SIGNIFICANT,
         size_of=_size,
-        last_of=_last,
+        told_of=_told_of,
         values_at_bound=_values_at_bound,
         **{word.__name__: word for word in _WORDS},
     )
@@ -244,11 +244,11 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
     )
 
 
-def _last(dependence: Dependence) -> Interval:
-    """The factor at the largest value of the column."""
-    return Interval(
-        *(float(one[-1]) for one in (dependence.factor, dependence.low, dependence.high))
-    )
+def _told_of(own: Dependence) -> Interval:
+    """The factor of a curve at the slip that is told, or at the largest value of its column."""
+    over_slip = own.column == "slip_ratio"
+    place = int(np.argmin(np.abs(own.values - own.at_slip))) if over_slip else -1
+    return Interval(*(float(one[place]) for one in (own.factor, own.low, own.high)))
 
 
 def _held_out(findings: Findings) -> Errors:
