@@ -3,6 +3,7 @@
 import dataclasses
 import errno
 import functools
+import operator
 import pickle
 import tracemalloc
 from typing import ClassVar
@@ -24,7 +25,7 @@ from adhesion_jax.files import staged
 from adhesion_jax.identifiers import ABLATIONS, Estimate, Identifier
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
-from adhesion_jax.metrics.moments import Moments, plus
+from adhesion_jax.metrics.moments import Moments
 from adhesion_jax.scenarios import SCENARIOS, Options
 from adhesion_jax.scenarios.catalogue import single
 from adhesion_jax.scenarios.noise import Noise
@@ -79,7 +80,7 @@ def test_cramer_rao_bound_from_the_analytic_sensitivities():
 def test_moments_in_parts_are_moments_of_the_whole():
     draws = np.random.default_rng(0).normal(3, 2, (700, 4))
     parts = [Moments.of({"x": part}) for part in np.split(draws, [128, 256, 600])]
-    whole = functools.reduce(plus, parts)
+    whole = functools.reduce(functools.partial(jax.tree.map, operator.add), parts)
     assert whole.runs == 700
     assert whole.mean("x") == pytest.approx(draws.mean(axis=0), rel=1e-12)
     expected = draws.std(axis=0, ddof=1) / np.sqrt(700)

@@ -32,7 +32,8 @@ def quiet(null):
 def test_the_library_is_of_all_columns_and_their_pairs(quiet):
     problem = quiet.fitted.setting.problem
     names = {one.name for one in library_of(problem)}
-    assert {*EFFECTS} - names == {"axle_position"}
+    # A difference of braking is a part of the curve.
+    assert {*EFFECTS} - names == {"axle_position", "mode_asymmetry"}
     columns = ("temperature_C", "normal_load_N", "slip_velocity_mps", "absent")
     pairs = [(one.name, one.acts_on) for one in surfaces(problem, columns)]
     joint = "product:normal_load_N*temperature_C"

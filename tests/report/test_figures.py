@@ -195,7 +195,7 @@ def test_consistency_shows_rmse_with_its_error_and_the_bound_on_logarithmic_axes
             for n in (100, 400)
         ]
     )
-    fits = {name: Fit(-0.5, 0.01, 0.0) for name in names}
+    fits = {name: Fit(-0.5, 0.01) for name in names}
     for axis, name in zip(drawn(claims.consistency, table, fits), names, strict=True):
         assert axis.get_ylabel() == f"RMSE of {figures.LABELS[name]}"
         assert axis.get_xlabel() == "points in the block (1)"
