@@ -34,7 +34,11 @@ from adhesion_jax.discovery.types import Interval, Opinion
 from adhesion_jax.effects.saved import load_law
 from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.files import staged
-from adhesion_jax.report.discovery.figures import adhesion_over_slip, shape_panels
+from adhesion_jax.report.discovery.figures import (
+    _dependences,
+    adhesion_over_slip,
+    shape_panels,
+)
 from adhesion_jax.report.discovery.files import (
     DISCOVERY_FILES,
     page,
@@ -319,6 +323,8 @@ def test_verdict_says_how_braking_differs():
         high=np.array([0.95, 0.73, 0.9]),
         at_slip=0.1,
     )
+    (axis,) = _dependences(findings._replace(dependences=(braking,))).axes
+    assert axis.get_title(loc="left") == "burckhardt, braking over traction"
     assert verdict(findings._replace(dependences=(braking,))).endswith(
         "The curve burckhardt is another one in braking, most at slip 0.1: there its adhesion is "
         "70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and no cause is "
