@@ -39,7 +39,7 @@ def exact(slip: Float[np.ndarray, " rows"]) -> SlipNoise:
 def slip_noise(
     slip: Float[np.ndarray, " rows"],
     speed: Float[np.ndarray, " rows"] | None,
-    courses: Sequence[Int[np.ndarray, " of_course"]],
+    courses: Sequence[Int[np.ndarray, " _"]],
     given: float | None,
 ) -> SlipNoise:
     """The noise that is `given`, or that of stretches of 15 rows about parabolas of least squares.

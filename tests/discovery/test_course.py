@@ -137,3 +137,10 @@ def test_what_differs_between_axles_in_turn_is_no_noise():
     slip = np.where(axle == 1, 0.02, 0.05) + 1e-3 * draw.normal(size=600)
     runs = log_of(slip, np.repeat(np.arange(300) / 10, 2), axle=axle, run=run)
     assert as_measured(runs, None).noise.sigma == pytest.approx(1e-3, rel=0.15)
+
+
+def test_noise_is_estimated_over_runs_of_different_lengths():
+    draw = np.random.default_rng(8)
+    run = np.repeat([1, 2], [200, 150])
+    runs = log_of(0.05 + 2e-3 * draw.normal(size=350), run=run)
+    assert as_measured(runs, None).noise.sigma == pytest.approx(2e-3, rel=0.15)
