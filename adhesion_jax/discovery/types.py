@@ -74,6 +74,10 @@ class Candidate(NamedTuple):
     decision: str  # "accepted", "in the class of ...", "not significant" ...
 
 
+#: What the dependence of the curve of braking, relative to that of traction, is called.
+BRAKING = "braking over traction"
+
+
 class Dependence(NamedTuple):
     """Partial dependence on one column: the factor on adhesion over its values, or its labels."""
 
@@ -87,7 +91,8 @@ class Dependence(NamedTuple):
     low: np.ndarray  # [grid]: 95 % band
     high: np.ndarray
     labels: tuple[str, ...] = ()  # the names of the values, [grid], of a column of labels
-    at_slip: float = float("nan")  # that at which a curve itself is shown
+    at_slip: float = float("nan")  # of a curve itself: where it depends most on the column
+    told: int = -1  # of a curve itself: the place of the factor that the verdict tells
 
 
 class Proposal(NamedTuple):

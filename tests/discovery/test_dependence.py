@@ -126,7 +126,28 @@ def test_the_curve_of_braking_is_shown_over_that_of_traction_where_it_differs(fa
         assert shown == ()
     else:
         (braking,) = shown
-        assert (braking.effect, braking.column) == ("burckhardt", "slip_ratio")
+        assert (braking.effect, braking.column) == ("braking over traction", "slip_ratio")
+        assert braking.values[braking.told] == braking.at_slip
+        assert braking.high[braking.told] < 1
         largest = braking.values > 0.01
         np.testing.assert_allclose(braking.factor[largest], 0.8, atol=0.01)
         assert braking.high[largest].max() < 0.85
+
+
+def test_a_curve_is_shown_where_it_depends_most_and_not_where_friction_has_fallen_at_all_speeds():
+    """At slip 1 what is left of friction is the same at 4 and at 20 m/s, .4 of it."""
+    draw = np.random.default_rng(11)
+    table = campaign(draw)
+    table["vehicle_speed_mps"] = draw.uniform(4.0, 20.0, 20)[table["run"]]
+    table["slip_ratio"] *= 8
+    slip, speed = table["slip_ratio"], table["vehicle_speed_mps"]
+    left = 0.6 * np.exp(-3.0 * slip * speed) + 0.4
+    rise = 90 * np.pi * slip / (4 * 0.4)
+    polach = 0.8 / np.pi * (rise / (1 + rise**2) + np.arctan(0.4 * rise))
+    table["adhesion"] = left * polach + noise(draw, sigma=0.001)
+    state = Selection(alone(table, "polach-scaled", (0.4, 0.4, 3.0, 90.0, 0.4)))
+    (shown,) = dependences(state, seed=0)
+    ends = 0.6 * np.exp(-3.0 * shown.at_slip * shown.values[[0, -1]]) + 0.4
+    assert shown.factor[shown.told] == pytest.approx(ends[1] / ends[0], abs=0.02)
+    assert shown.at_slip < 0.3
+    assert ends[1] < 0.75 * ends[0]

@@ -90,5 +90,11 @@ def test_of_two_causes_the_larger_one_does_not_displace_the_other_if_its_p_is_to
             score._replace(p=p if score.entry.covariates == ("position_m",) else 0.001)
             for score in scores
         ]
-        (effect,) = _next(state, told, 0.01, 0, 0).accepted
+        after = _next(state, told, 0.01, 0, 0)
+        (effect,) = after.accepted
         assert effect.covariates == (taken,)
+        decisions = {row.name.split(":")[1].split(" ")[0]: row.decision for row in after.ranking}
+        (other,) = {*columns} - {taken}
+        assert decisions[taken] == "accepted"
+        # One whose p is too large is not said to explain less: here it explains more.
+        assert decisions[other] == ("not significant" if p > 0.01 else "explains less")

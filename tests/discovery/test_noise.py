@@ -121,7 +121,11 @@ def test_noise_of_the_slip_is_told_and_smoothed_where_adhesion_does_not_follow_i
         assert after == before
         assert slip_noise_found(course, NO_ERRORS) == []
     # What is given is told as it is, and not tested.
-    (stated,) = slip_noise_found(course_of(table, 0.003), NO_ERRORS)
+    stays = course_of(table, 0.003)
+    (stated,) = slip_noise_found(stays, NO_ERRORS)
+    assert ("it is not smoothed" in stated.sentence) == (stays.runs is stays.measured)
+    assert acts == (stays.runs is not stays.measured)
+    assert "0.003 of slip" in stated.sentence
     assert stated.parameters["sigma"].value == 0.003
     assert np.isnan(stated.p_adjusted)
 

@@ -315,20 +315,21 @@ def test_verdict_says_what_the_curve_itself_has_of_a_column():
 def test_verdict_says_how_braking_differs():
     findings = two_effects()
     braking = findings.dependences[0]._replace(
-        effect=findings.base,
+        effect="braking over traction",
         column="slip_ratio",
         values=np.array([0.05, 0.1, 0.2]),
         factor=np.array([0.9, 0.7, 0.8]),
         low=np.array([0.85, 0.68, 0.7]),
         high=np.array([0.95, 0.73, 0.9]),
         at_slip=0.1,
+        told=1,
     )
     (axis,) = _dependences(findings._replace(dependences=(braking,))).axes
-    assert axis.get_title(loc="left") == "burckhardt, braking over traction"
+    assert axis.get_title(loc="left") == "braking over traction"
     assert verdict(findings._replace(dependences=(braking,))).endswith(
-        "The curve burckhardt is another one in braking, most at slip 0.1: there its adhesion is "
-        "70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and no cause is "
-        "named for it."
+        "The curve burckhardt is another one in braking, most surely at slip 0.1: there its "
+        "adhesion is 70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and no "
+        "cause is named for it."
     )
 
 
@@ -452,6 +453,10 @@ def test_the_error_with_the_slip_as_measured_is_told_where_it_was_smoothed():
     words = verdict(same)
     assert "the error falls from 0.02857 with the slip as measured to 0.01588 [0.01478" in words
     assert "with the smoothed one, which removes 69.1 %" in words
+    grown = same._replace(smoothing=made_errors(0.0151, 0.01588, 8))
+    words = verdict(grown)
+    assert "the error does not fall: it is 0.01510 with the slip as measured and 0.01588" in words
+    assert "removes" not in words
     assert "With the slip as measured, before it was smoothed, it is 0.02857." in verdict(
         null()._replace(smoothing=smoothing)
     )

@@ -10,7 +10,7 @@ from adhesion_jax.discovery.model.fitting import changes_of, covariance, size_of
 from adhesion_jax.discovery.model.packing import Model, pack
 from adhesion_jax.discovery.model.problem import Data, label_of
 from adhesion_jax.discovery.search.state import Accepted, Selection, slots_of
-from adhesion_jax.discovery.types import Dependence
+from adhesion_jax.discovery.types import BRAKING, Dependence
 from adhesion_jax.effects import Labels, Memory
 from adhesion_jax.effects.dynamic import Dynamic
 
@@ -173,8 +173,9 @@ def _of_braking(state: Selection, draws: np.ndarray) -> list[Dependence]:
     away = np.abs(factors - np.where(np.arange(_DRAWS)[:, None] == 0, 1.0, factors[0])) / spread
     if away[0].max() <= np.quantile(away[1:].max(axis=1), 0.95):
         return []
-    shown = _banded(state.base, "slip_ratio", "1", grid, factors)
-    return [shown._replace(at_slip=float(grid[np.argmax(np.abs(factors[0] - 1))]))]
+    surest = int(np.argmax(away[0]))
+    shown = _banded(BRAKING, "slip_ratio", "1", grid, factors)
+    return [shown._replace(at_slip=float(grid[surest]), told=surest)]
 
 
 def _after_step(

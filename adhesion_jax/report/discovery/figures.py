@@ -122,9 +122,7 @@ def _dependences(findings: Findings) -> Figure | None:
 
 def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
     axis.axhline(1.0, color="0.4", linewidth=0.8)
-    of_braking = dependence.effect == findings.base and dependence.column == "slip_ratio"
-    title = f"{findings.base}, braking over traction" if of_braking else dependence.effect
-    axis.set_title(label_text(humanised(title)), fontsize=9, loc="left")
+    axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
     if dependence.labels:
         names, middle = [label_text(name, 12) for name in dependence.labels], dependence.factor
         spread = np.maximum([middle - dependence.low, dependence.high - middle], 0.0)

@@ -7,6 +7,7 @@ import numpy as np
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.types import (
+    BRAKING,
     Candidate,
     Dependence,
     Errors,
@@ -172,6 +173,7 @@ def verdict(findings: Findings) -> str:
         unlike=_unlike(findings),
         significant=rules.SIGNIFICANT,
         size_of=_size,
+        braking=BRAKING,
         told_of=_told_of,
         values_at_bound=_values_at_bound,
         **{word.__name__: word for word in _WORDS},
@@ -245,10 +247,8 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
 
 
 def _told_of(own: Dependence) -> Interval:
-    """The factor of a curve at the slip that is told, or at the largest value of its column."""
-    over_slip = own.column == "slip_ratio"
-    place = int(np.argmin(np.abs(own.values - own.at_slip))) if over_slip else -1
-    return Interval(*(float(one[place]) for one in (own.factor, own.low, own.high)))
+    """The factor that is told of the dependence of a curve itself."""
+    return Interval(*(float(one[own.told]) for one in (own.factor, own.low, own.high)))
 
 
 def _held_out(findings: Findings) -> Errors:
