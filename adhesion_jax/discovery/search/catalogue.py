@@ -170,7 +170,7 @@ def why_untested(name: str, problem: Problem) -> str:
         return NO_TIME
     needs = [need for need in effect.FACTS.needs if need != "time_s"]
     if needs == ["mode"] and "mode" in problem.flat:
-        return "the curve of braking is one of its own: where it differs the verdict says so"
+        return "the curve of braking is one of its own: where it surely differs the verdict says so"
     for need in needs:
         if need != "mode" and need not in problem.flat and need not in problem.constant:
             return f"needs the column {need}, which is absent"
