@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.data import read_all, to_runs
+from adhesion_jax.data.runs import in_blocks
 from adhesion_jax.discovery.model.fitting import Setting, nearly_fitted, robustly_fitted
 from adhesion_jax.discovery.model.packing import _APART
 from adhesion_jax.discovery.model.problem import prepare
@@ -27,11 +28,11 @@ TRUE = (0.32, 60.0, 0.35)
 
 
 def runs_of(table):
-    """A table as it is read from a file."""
+    """A table as a search takes it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "runs.parquet"
         table.reset_index(drop=True).to_parquet(path)
-        return to_runs(read_all([path]))
+        return in_blocks(to_runs(read_all([path])))
 
 
 def problem_of(table):

@@ -57,29 +57,32 @@ def alike(runs: RunSet, blocks: RunSet) -> RunSet:
 
 def _means(runs: RunSet, begins: np.ndarray, starts: np.ndarray) -> RunSet:
     """The blocks that begin at those rows, `starts` the first block of each run."""
-    number = np.diff(begins, append=runs.whole.slip.size)
-    kept = _of_one_label(runs, begins, number)
-
-    own = np.add.reduceat(kept.astype(float), begins)
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return np.add.reduceat(np.where(kept, values, 0.0), begins) / own
-
+    kept = _of_one_label(runs, begins)
     whole = runs.whole
     means = Rows(
-        mean(whole.slip),
-        mean(whole.adhesion),
-        {name: mean(values) for name, values in whole.conditions.items()},
+        _mean(whole.slip, kept, begins),
+        _mean(whole.adhesion, kept, begins),
+        {name: _mean(values, kept, begins) for name, values in whole.conditions.items()},
     )
+    own = np.add.reduceat(kept.astype(float), begins)
     worth = independent(own, correlation_of(whole.adhesion, runs.starts))
     return runs._replace(whole=means, starts=starts, places=begins, worth=worth)
 
 
-def block_means(values: np.ndarray, blocks: RunSet) -> np.ndarray:
-    """The means of values of all rows [rows] over the `blocks` that they were condensed to."""
+def block_means(values: np.ndarray, runs: RunSet, blocks: RunSet) -> np.ndarray:
+    """The means of values of all rows [rows] over the `blocks` that `runs` were condensed to.
+
+    As in these, in a block of several axles or modes the rows of one of them count.
+    """
     if blocks.whole.slip.size == values.size:
         return values
-    return np.add.reduceat(values, blocks.places) / np.diff(blocks.places, append=values.size)
+    return _mean(values, _of_one_label(runs, blocks.places), blocks.places)
+
+
+def _mean(values: np.ndarray, kept: np.ndarray, begins: np.ndarray) -> np.ndarray:
+    """The mean of the rows that are `kept`, [rows], of each block, [blocks]."""
+    total = np.add.reduceat(np.where(kept, values, 0.0), begins)
+    return total / np.add.reduceat(kept.astype(float), begins)
 
 
 def independent(rows: np.ndarray, correlation: float) -> np.ndarray:
@@ -121,7 +124,7 @@ def hidden_shares(runs: RunSet, blocks: RunSet) -> dict[str, float]:
     for name, values in runs.whole.conditions.items():
         spread = float(np.var(values))
         if name not in ("time_s", *_labels(runs)) and spread > 0:
-            away = block_means(values, blocks) - float(np.mean(values))
+            away = block_means(values, runs, blocks) - float(np.mean(values))
             found[name] = max(1 - float(np.average(away**2, weights=number)) / spread, 0.0)
     return found
 
@@ -185,8 +188,9 @@ def _labels(runs: RunSet) -> tuple[str, ...]:
     return (*runs.named, "mode")
 
 
-def _of_one_label(runs: RunSet, begins: np.ndarray, number: np.ndarray) -> np.ndarray:
+def _of_one_label(runs: RunSet, begins: np.ndarray) -> np.ndarray:
     """Which rows, [rows], bool, have the labels of one row of their block."""
+    number = np.diff(begins, append=runs.whole.slip.size)
     kept = np.ones(runs.whole.slip.size, bool)
     block = np.repeat(np.arange(begins.size), number)
     chosen = begins + np.arange(begins.size) % number

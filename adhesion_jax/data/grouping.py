@@ -12,20 +12,12 @@ from adhesion_jax.data.reading import Measured
 from adhesion_jax.data.stretches import stretches
 from adhesion_jax.errors import InputError
 
-#: Points of a block, and how many blocks there shall be. With fewer, a test that flips the sign of
-#: whole blocks cannot reach p = .001; beyond the most, longer blocks are worth more than further
-#: ones, for they depend less on their neighbours.
-_BLOCK_POINTS = 10
-_FEWEST_BLOCKS = 16
-_MOST_BLOCKS = 50
-
 
 class Grouping(NamedTuple):
     """The run of every row, [rows], from 0 in the order in which the runs begin."""
 
     run: np.ndarray
     names: tuple[str, ...]
-    blocks: bool = False  # contiguous blocks of one run take the place of runs
 
 
 def group(measured: Measured) -> Grouping:
@@ -44,22 +36,6 @@ def group(measured: Measured) -> Grouping:
         for number, rows in enumerate(stretches(table["time_s"].to_numpy(), np.asarray(axle))):
             codes[rows] = number
     return Grouping(codes, tuple(map(str, range(1, int(codes.max(initial=0)) + 2))))
-
-
-def in_blocks(grouping: Grouping) -> Grouping:
-    """A single run cut into contiguous blocks of like length; several runs as they are.
-
-    A block has at least 10 points, and fewer (down to 2) where there would be under 16 blocks.
-    """
-    points = grouping.run.size
-    if len(grouping.names) > 1 or points < 4:
-        return grouping
-    wanted = max(points // _BLOCK_POINTS, min(_FEWEST_BLOCKS, points // 2))
-    count = min(wanted, _MOST_BLOCKS)
-    names = tuple(f"block {number}" for number in range(1, count + 1))
-    ends = -(-np.arange(1, count + 1) * points // count)
-    run = np.repeat(np.arange(count, dtype=np.int32), np.diff(ends, prepend=0))
-    return Grouping(run, names, blocks=True)
 
 
 def as_one(files: Sequence[Measured]) -> Measured:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.grouping import Grouping, as_one, group, in_blocks, with_velocity
+from adhesion_jax.data.grouping import as_one, group, with_velocity
 from adhesion_jax.data.reading import Measured, refuse_useless
 from adhesion_jax.data.stretches import order_by, steps_in_runs
 from adhesion_jax.errors import InputError
@@ -25,6 +25,14 @@ _EXPLAINED = ("slip_ratio", "adhesion", "adhesion_sd", "tangential_force_N")
 
 #: Conditions that a curve or an effect in time may need, kept whatever else they are equal to.
 _ALWAYS = ("time_s", "vehicle_speed_mps", "slip_velocity_mps", "normal_load_N")
+
+
+#: Points of a block, and how many blocks there shall be. With fewer, a test that flips the sign of
+#: whole blocks cannot reach p = .001; beyond the most, longer blocks are worth more than further
+#: ones, for they depend less on their neighbours.
+_BLOCK_POINTS = 10
+_FEWEST_BLOCKS = 16
+_MOST_BLOCKS = 50
 
 
 def places(starts: np.ndarray, lengths: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -60,6 +68,7 @@ class RunSet(NamedTuple):
     places: np.ndarray  # [rows]: where a row stood, from 0 over all files one after the other
     worth: np.ndarray  # [rows]: how many independent measured rows it is worth (`data.condensing`)
     names: tuple[str, ...]  # of the runs
+    order: np.ndarray  # [runs]: of the runs in the campaign
     blocks: bool  # contiguous blocks of one run take the place of runs
     covariates: tuple[str, ...]  # the conditions that the project does not know
     named: Mapping[str, tuple[str, ...]]  # the labels of a condition, in the order of their codes
@@ -88,17 +97,12 @@ class RunSet(NamedTuple):
     def conditions_at(self, held: np.ndarray) -> dict[str, jnp.ndarray]:
         """The conditions of the rows in those places of `whole`, and the order of their runs.
 
-        The order is that of the names of the runs where they are numbers, else that in which the
-        runs stand. It is the condition `run_order`, and computed here since a column of it would
-        repeat one number a run.
+        It is the condition `run_order`, and computed here since a column of it would repeat one
+        number a run.
         """
         conditions = {name: jnp.asarray(rows[held]) for name, rows in self.whole.conditions.items()}
         run = np.searchsorted(self.starts, held, side="right") - 1
-        try:
-            order = np.array([float(name) for name in self.names])
-        except ValueError:
-            order = np.arange(len(self.names), dtype=float)
-        return conditions | {"run_order": jnp.asarray(order[run])}
+        return conditions | {"run_order": jnp.asarray(self.order[run])}
 
     @property
     def weights(self) -> np.ndarray:
@@ -120,14 +124,14 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     """The runs of measured tables, or InputError naming all that is wrong with them.
 
     Runs are told apart by the column `run`, without one by gaps in time_s; no run reaches over two
-    files. A single run is cut into contiguous blocks. Needed are the columns that `read_measured`
-    needs and 10 rows in all, at one slip or many.
+    files. Needed are the columns that `read_measured` needs and 10 rows in all, at one slip or
+    many.
     """
     measured = as_one(files)
-    whole = group(measured)
-    grouping = in_blocks(whole)
+    grouping = group(measured)
     table, slip = with_velocity(measured.table), measured.slip
-    refuse_useless(measured, _fault(grouping))
+    length = np.bincount(grouping.run)
+    refuse_useless(measured, _fault(length))
     columns, named = _conditions(table, slip)
     same = _repeated({slip: table[slip], "adhesion": table["adhesion"], **columns})
     order = order_by(grouping.run)
@@ -136,19 +140,19 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         _numbers(table["adhesion"], order),
         {name: _numbers(values, order) for name, values in columns.items() if name not in same},
     )
-    length = np.bincount(grouping.run)
     return RunSet(
         rows,
         np.cumsum(length) - length,
         np.arange(len(table), dtype=np.int32) if order is None else order,
         np.broadcast_to(1.0, len(table)),
         grouping.names,
-        grouping.blocks,
+        np.array(_told_order(grouping.names) or range(len(grouping.names)), float),
+        False,
         tuple(name for name in rows.conditions if name not in {*COLUMNS, *LABELS}),
         named,
         measured.left_out,
         (
-            *_warnings(table, slip, whole, grouping),
+            *_warnings(table, slip, grouping.run),
             *dict.fromkeys(measured.gaps),
             *(
                 f"The column {name} is left out: it is not a number in every row."
@@ -164,10 +168,43 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
     )
 
 
+def in_blocks(runs: RunSet) -> RunSet:
+    """A single run cut into contiguous blocks of like length; several runs as they are.
+
+    A block has at least 10 points, and fewer (down to 2) where there would be under 16 blocks.
+    """
+    points = runs.whole.slip.size
+    if len(runs.names) > 1 or points < 4:
+        return runs
+    wanted = max(points // _BLOCK_POINTS, min(_FEWEST_BLOCKS, points // 2))
+    count = min(wanted, _MOST_BLOCKS)
+    starts = -(-np.arange(count) * points // count)
+    length = np.unique(np.diff(starts, append=points))
+    return runs._replace(
+        starts=starts,
+        names=tuple(f"block {number}" for number in range(1, count + 1)),
+        order=np.arange(count, dtype=float),
+        blocks=True,
+        warnings=(
+            f"There is one run only: {count} contiguous blocks of {' to '.join(map(str, length))} "
+            "points take the place of runs. Intervals and p-values then assume that points of "
+            "different blocks are nearly independent, and effects that act in time within a run "
+            "can hardly be tested.",
+            *runs.warnings,
+        ),
+    )
+
+
+def cut_alike(runs: RunSet, test: RunSet) -> RunSet:
+    """The runs of `test`, a single one in blocks only if `runs` are blocks too."""
+    return in_blocks(test) if runs.blocks else test
+
+
 def matching(runs: RunSet, test: RunSet) -> RunSet:
     """The runs of `test` with the conditions of `runs` and no others, labels by its codes.
 
-    A label that `runs` lacks has the code -1. InputError where a condition is missing.
+    A label that `runs` lacks has the code -1. Where the names of the runs do not tell their order
+    in the campaign, those of `test` come last. InputError where a condition is missing.
     """
     rows = test.whole
     there = {**rows.conditions, test.slip: rows.slip, "adhesion": rows.adhesion}
@@ -198,8 +235,10 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
                 f"The training data have no {name} {listed(strange)}: what was found of the others "
                 "is not applied to it.",
             )
+    told = _told_order(runs.names) and _told_order(test.names)
     return test._replace(
         whole=rows._replace(slip=there[runs.slip], conditions=conditions),
+        order=test.order if told else len(runs.names) + np.arange(len(test.names), dtype=float),
         covariates=runs.covariates,
         named=runs.named,
         warnings=warnings,
@@ -207,9 +246,19 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
     )
 
 
-def _fault(grouping: Grouping) -> str:
-    """A clause on runs that are of no use although every cell is valid; empty where they are."""
-    length = np.bincount(grouping.run)
+def _told_order(names: Sequence[str]) -> list[float]:
+    """The names of runs as numbers; none if one is no number."""
+    try:
+        return [float(name) for name in names]
+    except ValueError:
+        return []
+
+
+def _fault(length: np.ndarray) -> str:
+    """A clause on runs that are of no use although every cell is valid; empty where they are.
+
+    `length` are their numbers of rows, [runs].
+    """
     if length.size > MOST_RUNS:
         return (
             f"there are {length.size} runs (at most {MOST_RUNS} are taken: join those that belong "
@@ -271,7 +320,7 @@ def _repeated(columns: Mapping[str, pd.Series]) -> dict[str, str]:
     return same
 
 
-def _warnings(table: pd.DataFrame, slip: str, whole: Grouping, grouping: Grouping) -> Iterator[str]:
+def _warnings(table: pd.DataFrame, slip: str, run: np.ndarray) -> Iterator[str]:
     """Sentences on what slip, time and runs do not allow to be told."""
     if slip == "slip_velocity_mps":
         yield (
@@ -279,20 +328,13 @@ def _warnings(table: pd.DataFrame, slip: str, whole: Grouping, grouping: Groupin
             "as 1, and no effect of speed can be tested."
         )
     if "time_s" in table:
-        equal = int((steps_in_runs(table["time_s"].to_numpy(), whole.run) == 0).sum())
+        equal = int((steps_in_runs(table["time_s"].to_numpy(), run) == 0).sum())
         if equal:
             yield (
                 f"In time_s {equal} {'row has' if equal == 1 else 'rows have'} the time of the row "
                 "before in the same run: no time passes there for effects that act in time."
             )
-    length = np.bincount(grouping.run)
-    if grouping.blocks:
-        points = " to ".join(map(str, sorted({length.min(), length.max()})))
-        yield (
-            f"There is one run only: {length.size} contiguous blocks of {points} points take the "
-            "place of runs. Intervals and p-values then assume that points of different blocks are "
-            "nearly independent, and effects that act in time within a run can hardly be tested."
-        )
+    length = np.bincount(run)
     single = int((length == 1).sum())
     if single:
         yield (

@@ -11,7 +11,7 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import alike, block_means, condensed, hidden_shares
 from adhesion_jax.data.reading import POINTS
-from adhesion_jax.data.runs import Rows, RunSet
+from adhesion_jax.data.runs import Rows, RunSet, cut_alike, in_blocks
 from adhesion_jax.discovery.findings.summary import law_of, smoothing_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.course import (
@@ -86,7 +86,7 @@ def discover(
     Raises InputError for a base curve that is not known, or that needs a column the runs lack, for
     test runs that are training runs, and for a correction without test runs.
     """
-    began = time.perf_counter()
+    began, runs = time.perf_counter(), in_blocks(runs)
     if correct and test is None:
         raise InputError("--correct is of the predictions of test data; name them by --test.")
     if test is not None:
@@ -147,11 +147,11 @@ def _with_opinion(
 
 def refuse_training_runs(runs: RunSet, test: RunSet) -> None:
     """InputError if a run of the test data is one of the training data, point for point."""
-    known = _contents(runs)
-    same = [known[content] for content in _contents(test) if content in known]
+    known, judged = _contents(runs), cut_alike(runs, test)
+    same = [known[content] for content in _contents(judged) if content in known]
     if same:
-        count = len(test.names)
-        what = "block" if test.blocks else "run"
+        count = len(judged.names)
+        what = "block" if judged.blocks else "run"
         raise InputError(
             f"{len(same)} of the {count} {what}s of the test data "
             f"{'is' if len(same) == 1 else 'are'} in the training data as well (the first is "
@@ -202,7 +202,7 @@ def _on_course(
         moved = alike(smooth.runs, blocks)
         if not noticeable(plain.fitted, moved.whole.slip - blocks.whole.slip):
             continue
-        spread = block_means(smooth.left.spread, moved)
+        spread = block_means(smooth.left.spread, smooth.runs, moved)
         other = _without_effects(smooth.runs, moved, spread, (plain.base,))
         gained = gain_of(told(other.fitted) - told(plain.fitted))
         if gained.total > max(gained.error, best):
@@ -210,7 +210,7 @@ def _on_course(
             best, course, others = gained.total, smooth._replace(p=p), moved
     if course is measured:
         return measured, blocks, plain
-    spread = block_means(course.left.spread, others)
+    spread = block_means(course.left.spread, course.runs, others)
     return course, others, _without_effects(course.runs, others, spread, bases)
 
 
@@ -256,7 +256,7 @@ def _straightened(plain: Selection, runs: RunSet, blocks: RunSet) -> Rows:
     the mean slip: the difference is that of the fitted curve.
     """
     law = law_of(plain, {})
-    bends = block_means(predicted(law, runs), blocks) - predicted(law, blocks)
+    bends = block_means(predicted(law, runs), runs, blocks) - predicted(law, blocks)
     return blocks.whole._replace(adhesion=blocks.whole.adhesion - bends)
 
 

@@ -53,14 +53,14 @@ def test_a_block_has_the_means_of_its_rows_and_lies_in_one_run():
     # Other values of the same rows go into the same blocks, wherever they move.
     moved = np.where(table["wear"] > 1, 5.0, 1.0) * runs.whole.slip
     other = alike(runs._replace(whole=runs.whole._replace(slip=moved)), blocks)
-    np.testing.assert_allclose(other.whole.slip, block_means(moved, blocks), rtol=1e-12)
+    np.testing.assert_allclose(other.whole.slip, block_means(moved, runs, blocks), rtol=1e-12)
     assert (other.places == blocks.places).all()
     assert alike(runs, runs) is runs
     # A steady sweep is cut evenly.
     sizes = np.diff(blocks.places)[: blocks.lengths[0] - 1]
     assert sizes.max() - sizes.min() <= 1
     np.testing.assert_allclose(
-        block_means(table["wear"].to_numpy(), blocks), blocks.whole.conditions["wear"]
+        block_means(table["wear"].to_numpy(), runs, blocks), blocks.whole.conditions["wear"]
     )
 
 
@@ -127,8 +127,13 @@ def test_axles_in_turn_are_not_averaged():
     table = sweeps([4000]).assign(axle=np.tile([1, 2, 3, 4], 1000), run="a")
     table = pd.concat([table, table.assign(run="b")], ignore_index=True)
     table["adhesion"] = 0.1 * table["axle"]
-    blocks = condensed(runs_of(table), 400)
+    runs = runs_of(table)
+    blocks = condensed(runs, 400)
     codes = blocks.whole.conditions["axle"]
+    # Other values of the rows are averaged over the same ones, such as what a law predicts.
+    np.testing.assert_array_equal(
+        block_means(2 * runs.whole.adhesion, runs, blocks), 2 * blocks.whole.adhesion
+    )
     assert {*codes} == {0.0, 1.0, 2.0, 3.0}
     np.testing.assert_allclose(blocks.whole.adhesion, 0.1 * (codes + 1), rtol=1e-12)
     assert np.bincount(codes.astype(int)).min() > 60

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import SHIPPED, matching, read_all, read_measured, runs, to_runs
+from adhesion_jax.data.runs import cut_alike, in_blocks
 from adhesion_jax.data.stretches import steps_in_runs
 from adhesion_jax.errors import InputError
 
@@ -110,7 +111,9 @@ def test_the_column_run_goes_before_gaps(tmp_path):
 )  # fmt: skip
 def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest):
     for table in (good(points), good(points).assign(run="only", time_s=np.arange(points))):
-        found = to_runs(read_all([written(tmp_path, table)]))
+        whole = to_runs(read_all([written(tmp_path, table)]))
+        assert (whole.blocks, len(whole.names), whole.warnings) == (False, 1, ())
+        found = in_blocks(whole)
         length = (rows_of(found) >= 0).sum(axis=1)
         assert found.blocks
         assert (len(found.names), length.min(), length.max()) == (blocks, shortest, longest)
@@ -119,11 +122,32 @@ def test_one_run_is_cut_into_blocks(tmp_path, points, blocks, shortest, longest)
         assert f"{blocks} contiguous blocks" in warning
         assert "independent" in warning
         assert "act in time" in warning
+        assert in_blocks(found) is found
+        # Test data are judged by blocks only where blocks were fitted.
+        assert cut_alike(found, whole).names == found.names
+        assert cut_alike(to_runs(read_all([written(tmp_path, campaign())])), whole) is whole
+
+
+def test_the_order_of_the_runs_is_that_of_their_names_if_these_are_numbers(tmp_path):
+    """A name in words does not say whether a run was before another one: test runs come last."""
+
+    def named(*names):
+        table = campaign([6] * len(names))
+        return to_runs(read_all([written(tmp_path, table.assign(run=np.repeat(names, 6)))]))
+
+    train, test = named("3", "1", "2"), named("7", "5")
+    assert named("x", "b", "a").order.tolist() == [0, 1, 2]
+    assert train.order.tolist() == [3, 1, 2]
+    assert matching(train, test).order.tolist() == [7, 5]
+    assert matching(train, named("7", "5 b")).order.tolist() == [3, 4]
+    assert matching(named("x", "b", "a"), test).order.tolist() == [3, 4]
+    held = np.arange(12).reshape(2, 6)
+    assert test.conditions_at(held)["run_order"].tolist() == [[7] * 6, [5] * 6]
 
 
 def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
     table = good(400).assign(time_s=0.1 * np.arange(400))
-    found = to_runs(read_all([written(tmp_path, table)]))
+    found = in_blocks(to_runs(read_all([written(tmp_path, table)])))
     time, counted = np.asarray(found.record.conditions["time_s"]), rows_of(found) >= 0
     assert (counted == np.asarray(found.record.mask)).all()
     lead = time.shape[1] // 2
@@ -136,7 +160,7 @@ def test_blocks_in_time_are_led_in_by_the_rows_before_them(tmp_path):
         assert whole[lead] == rows_of(found)[block, lead] == rows_of(found)[block - 1].max() + 1
         assert not counted[block, :lead].any()
     # Without a time the order of the rows says nothing of what came before.
-    bare = to_runs(read_all([written(tmp_path, good(400))]))
+    bare = in_blocks(to_runs(read_all([written(tmp_path, good(400))])))
     assert (rows_of(bare)[:, 0] >= 0).all()
 
 
@@ -414,7 +438,7 @@ def test_the_test_set_has_the_same_slip(tmp_path):
 
 
 def test_the_roller_rig_ships_and_has_one_slip_value():
-    found = to_runs(read_all([SHIPPED["roller-rig"].path]))
+    found = in_blocks(to_runs(read_all([SHIPPED["roller-rig"].path])))
     assert rows_of(found)[rows_of(found) >= 0].tolist() == list(range(40))
     assert len(found.names) == 16
     assert (found.record.slip == 0.02).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from discovery_campaigns import campaign, curve, noise, problem_of, runs_of
+from discovery_campaigns import alone, campaign, curve, noise, problem_of, runs_of
 
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
@@ -10,7 +10,7 @@ from adhesion_jax.data import matching
 from adhesion_jax.discovery.findings.cautions import extrapolated
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
-from adhesion_jax.discovery.search.state import Accepted
+from adhesion_jax.discovery.search.state import Accepted, Selection
 from adhesion_jax.effects.law import CorrectedLaw
 
 
@@ -30,9 +30,10 @@ def said(training):
     effect = Accepted(name, (name,), "warm", True, columns, (), p=0.001, gain=50.0)
     problem, runs = problem_of(training), runs_of(training)
     law = CorrectedLaw(CURVES["burckhardt"], (), ranges_of(problem, runs), problem.calendar)
+    state = Selection(alone(training), accepted=(effect,))
 
     def of(table):
-        return extrapolated([effect], problem, law, runs, matching(runs, runs_of(table)))
+        return extrapolated(state, law, runs, matching(runs, runs_of(table)))
 
     return of
 
@@ -75,12 +76,41 @@ def test_a_slip_beyond_that_of_its_own_side_is_told(training):
     def of(slip):
         adhesion = np.sign(slip) * curve(np.abs(slip))
         test = runs_of(training.assign(slip_ratio=slip, adhesion=adhesion))
-        return extrapolated([], problem, law, runs, matching(runs, test))
+        return extrapolated(Selection(alone(both)), law, runs, matching(runs, test))
 
     ((share, words),) = of(np.linspace(-0.11, 0.1, len(training)))
     assert share == pytest.approx(0.04 / 0.21, abs=1e-3)
     assert "(0.06 in traction, 0.12 in braking)" in words
     assert of(np.linspace(-0.11, 0.055, len(training))) == []
+
+
+def test_a_side_that_was_never_measured_is_told(training, said):
+    half = np.where(training["run"] % 2, -1, 1)
+    sides = training.assign(
+        slip_ratio=half * training["slip_ratio"], adhesion=half * training["adhesion"]
+    )
+    ((share, words),) = said(sides)
+    assert share == pytest.approx(0.5)
+    assert words.startswith("50 % of the test points are of braking, of which the training data")
+
+
+def test_a_time_of_the_campaign_and_a_speed_of_the_curve_beyond_training_are_told(training):
+    """Drift rests on the campaign's time, Polach's falling friction on the speed."""
+    timed = training.assign(time_s=1000.0 * training["run"] + training.groupby("run").cumcount())
+    timed["vehicle_speed_mps"] = 10 + timed["run"] % 3
+    problem, runs = problem_of(timed), runs_of(timed)
+    assert problem.calendar.column == "time_s"
+    drift = Accepted("drift", ("drift",), "drift", False, ("time_s",), (), p=0.001, gain=50.0)
+    ranges = ranges_of(problem, runs)
+    law = CorrectedLaw(CURVES["polach-falling"], (), ranges, problem.calendar)
+    state = Selection(
+        alone(timed, "polach-falling", (0.4, 0.4, 0.6, 150.0, 0.4)), accepted=(drift,)
+    )
+    assert extrapolated(state, law, runs, matching(runs, runs_of(timed))) == []
+    later = timed.assign(time_s=timed["time_s"] + 1e5, vehicle_speed_mps=30.0)
+    found = extrapolated(state, law, runs, matching(runs, runs_of(later)))
+    names = {words.split(" have ")[1].split(" outside ")[0] for _, words in found}
+    assert names == {"campaign_time", "vehicle_speed_mps"}
 
 
 def test_a_column_of_the_law_with_a_gap_is_told_where_the_test_data_fill_it(training, said):

@@ -176,8 +176,8 @@ def test_a_full_model_has_room_for_what_is_put_beside_it(quiet):
     np.testing.assert_allclose(slope_of(crowded), slope_of(quiet.fitted), atol=1e-6)
 
 
-def row(name, p, gain, decision="explains less", number=1):
-    return Candidate(number, name, 5.0, p, gain, 2.0, decision)
+def row(name, p, gain, decision="explains less", number=1, z=5.0):
+    return Candidate(number, name, z, p, gain, 2.0, decision)
 
 
 def test_what_stood_out_and_was_not_accepted_is_undecided(quiet):
@@ -200,6 +200,20 @@ def test_what_stood_out_and_was_not_accepted_is_undecided(quiet):
     assert undecided(state._replace(ranking=(*rows, row("patch", 0.001, 9.0, "accepted")))) == ()
     assert undecided(state._replace(ranking=rows[-1:])) == ()
     assert undecided(state._replace(ranking=())) == ()
+
+
+def test_what_stands_out_in_few_runs_is_told_though_no_p_of_theirs_is_significant(null):
+    """By its score, which must reach what acceptance needs where runs are many."""
+    first = null[null["run"].isin(null["run"].unique()[:5])]
+    five = state_of(first)._replace(thresholds=(4.2,))
+    assert five.setting.problem.runs == 5
+    least = [row(name, 0.0625, np.nan, z=z) for name, z in (("wind (spline)", 6.1), ("lag", 5.0))]
+    (doubt,) = undecided(five._replace(ranking=(*least, row("patch", 0.3, np.nan, z=3.9))))
+    assert doubt.names == ("wind",)
+    assert "wind (spline) stands out most" in doubt.sentence
+    assert "as far as 5 runs can show it (adjusted p <= 0.062" in doubt.sentence
+    assert undecided(five._replace(ranking=(row("patch", 0.0625, np.nan, z=4.1),))) == ()
+    assert undecided(five._replace(ranking=())) == ()
 
 
 @pytest.mark.parametrize("acts_on", ["offset", "shift"])

@@ -1,5 +1,6 @@
 """Predictions at all rows, what is searched in blocks of rows, and test runs that are none."""
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,9 +8,13 @@ from discovery_campaigns import SIZE, runs_of
 from scipy.signal import lfilter
 
 from adhesion_jax.curves import CURVES
+from adhesion_jax.data import matching, to_runs
 from adhesion_jax.data.condensing import condensed
+from adhesion_jax.data.reading import to_measured
+from adhesion_jax.data.runs import in_blocks
 from adhesion_jax.discovery import engine
 from adhesion_jax.discovery.engine import discover, refuse_training_runs
+from adhesion_jax.discovery.findings.errors_by_run import errors_of
 from adhesion_jax.discovery.model import rows
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.conditions import calendar_of
@@ -57,6 +62,31 @@ def test_test_runs_that_are_training_runs_are_refused(runs):
     both = runs_of(pd.concat([campaign.test, campaign.train.query("run == run.min()")]))
     with pytest.raises(InputError, match="1 of the 8 runs of the test data is in the training"):
         refuse_training_runs(runs, both)
+    # One run alone is refused as well; part of a log that was fitted in blocks is so by its blocks.
+    alone = to_runs([to_measured("alone", campaign.train.query("run == run.min()"))])
+    assert alone.names == runs.names[:1]
+    with pytest.raises(InputError, match="1 of the 1 runs of the test data is in the training"):
+        refuse_training_runs(runs, alone)
+    log = to_runs([to_measured("log", campaign.train.assign(run="log"))])
+    with pytest.raises(InputError, match="50 of the 50 blocks of the test data are in the"):
+        refuse_training_runs(in_blocks(log), log)
+
+
+def test_one_test_run_is_predicted_as_a_whole(runs):
+    """A lag remembers its beginning at its end: the run is not cut for its errors or its law."""
+    first = runs.whole.slip[: runs.lengths[0]]
+    table = simulate(["humidity"], seed=4, **SIZE).train
+    alone = to_runs([to_measured("alone", table[table["run"] == table["run"].iloc[0]])])
+    np.testing.assert_array_equal(alone.whole.slip, first)
+    lag = EFFECTS["lag"](time_constant=2.0)
+    law = CorrectedLaw(CURVES["burckhardt"], (lag,), {}, calendar_of(runs.record))
+    conditions = {name: jnp.asarray(rows) for name, rows in alone.whole.conditions.items()}
+    whole = np.asarray(law(jnp.asarray(alone.whole.slip), conditions))
+    predicted = rows.predicted(law, matching(runs, alone))
+    np.testing.assert_allclose(predicted, whole, rtol=1e-12)
+    told = errors_of(matching(runs, alone), predicted, predicted, 0)
+    assert (told.runs, told.after.value > 0) == (1, True)
+    assert np.isnan([told.after.low, told.after.high, told.removed.low]).all()
 
 
 def long_campaign(seed, size, r, rows_a_run=10_000, count=30, sigma=0.01):

@@ -273,7 +273,7 @@ def test_several_tables_and_a_test():
     halves = [RIG[:20].assign(run=1), RIG[20:].assign(run=1)]
     runs = to_runs(library.reading.all_of(halves))
     assert runs.names == ("table 1:1", "table 2:1")
-    assert to_runs(library.reading.all_of(RIG)).blocks
+    assert to_runs(library.reading.all_of(RIG)).names == ("1",)
     judged = aj.discover(RIG, RIG)
     assert list(judged.errors["data"]) == ["training", "cross-validation", "test"]
     assert len(judged.predictions) == len(RIG)

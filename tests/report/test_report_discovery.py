@@ -242,7 +242,15 @@ def test_what_was_stated_has_no_p():
     findings = two_effects()
     humidity, speed = findings.effects
     stated = findings._replace(effects=(humidity._replace(p_adjusted=np.nan), speed))
-    assert "humidity (stated, and not tested;" in verdict(stated)
+    told = verdict(stated)
+    assert told.startswith(
+        "What burckhardt lacks here: exponential loss with slip velocity (adjusted"
+    )
+    assert told.endswith(" Adhesion falls as the air becomes more humid.")
+    # Alone it is told as well, and nothing is said to be missing for it.
+    alone = verdict(findings._replace(effects=stated.effects[:1], unexplained=()))
+    assert "lacks here" not in alone
+    assert "Adhesion falls as the air becomes more humid." in alone
     assert next(row[1] for row in effects_table(stated).rows) == ""
 
 
@@ -252,7 +260,7 @@ def test_verdict_says_where_an_effect_acts():
     values = np.linspace(0, 1000, 51)
     patch = 1 - 0.25 * np.exp(-(((values - 400) / 50) ** 2))
     place = humidity._replace(column="position_m", unit="m", values=values, factor=patch)
-    assert "adhesion is 25.0 % lower where position (m) is 400 than at its median" in verdict(
+    assert "adhesion is 25.0 % lower where position (m) is 400 than without it" in verdict(
         findings._replace(dependences=(place, speed))
     )
 
@@ -648,8 +656,8 @@ def test_shapes_are_the_law_at_low_middle_and_high_values():
     table = findings.points
     for line, quantile in zip(axis.get_lines(), (0.05, 0.5, 0.95), strict=True):
         slip, adhesion = (values[250] for values in line.get_data())
-        speed = np.quantile(table["vehicle_speed_mps"], quantile)
-        humidity = np.median(table["relative_humidity_pct"])
+        speed = np.quantile(table["vehicle_speed_mps"], quantile, method="nearest")
+        humidity = np.quantile(table["relative_humidity_pct"], 0.5, method="nearest")
         # Of the law: burckhardt under humidity, less exp(-c4 slip V).
         still = float(findings.law(jnp.asarray(slip), of_the_law(0.0, humidity)))
         moving = float(findings.law(jnp.asarray(slip), of_the_law(speed, humidity)))

@@ -1,6 +1,6 @@
 """Cautions about a result: absent columns, untested effects, extrapolation, kinds of noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import scipy
@@ -13,7 +13,7 @@ from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
-from adhesion_jax.discovery.search.state import Accepted, Selection
+from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
@@ -98,24 +98,27 @@ _NARROW: Mapping[str, float] = {
 
 
 def extrapolated(
-    accepted: Sequence[Accepted],
-    problem: Problem,
+    state: Selection,
     law: CorrectedLaw,
     runs: RunSet,
     test: RunSet | None,
 ) -> list[tuple[float, str]]:
     """The share of test points that training hardly covers, and a sentence on it, largest first.
 
-    Of the columns of the effects, and of the slip: points outside the range of the training data,
-    else those outside the middle of it if the middles of both do not touch, else, of the
-    columns alone, those in the widest gap between training values.
+    Of the columns of the effects and of the curve, and of the slip: points outside the range of the
+    training data, else those outside the middle of it if the middles of both do not touch, else, of
+    the columns alone, those in the widest gap between training values. And of traction or braking,
+    where the training data have none.
     """
     if test is None:
         return []
     record = condensed(test).record
     whole = conditions_of(record, law.calendar)
     inside = np.asarray(record.mask)
-    used = {name for effect in accepted for name in effect.covariates}
+    problem, needed = state.setting.problem, BASES[state.base].NEEDS
+    used = {name for effect in state.accepted for name in effect.covariates}
+    # What an effect has of time may be the time of the campaign.
+    used |= {*needed, *(["campaign_time"] if used & {"time_s", "run"} else [])}
     found = []
     for name in sorted(used & set(law.ranges) & set(whole)):
         low, high = law.ranges[name]
@@ -127,8 +130,7 @@ def extrapolated(
             (
                 share,
                 f"{percent(share)} of the test points have {name} outside {low:.4g} to "
-                f"{high:.4g}, where its effect was found: there the correction keeps "
-                "its value at the edge.",
+                f"{high:.4g}, where it was measured: there the law keeps its value at the edge.",
             )
         )
     slip, judged = runs.whole.slip, test.whole.slip
@@ -146,6 +148,16 @@ def extrapolated(
                 f"point ({_reaches(reach)}): there the curve is extrapolated.",
             )
         )
+    for words, side in (("traction", 1), ("braking", -1)):
+        if not np.any(np.sign(slip) == side):
+            share = float(np.mean(np.sign(judged) == side))
+            found.append(
+                (
+                    share,
+                    f"{percent(share)} of the test points are of {words}, of which the training "
+                    "data have no point: there the law is the curve of the other side.",
+                )
+            )
     return sorted((one for one in found if one[0] > 0), reverse=True)
 
 

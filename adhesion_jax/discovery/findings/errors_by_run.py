@@ -20,7 +20,8 @@ def errors(before: np.ndarray, after: np.ndarray, points: np.ndarray, seed: int)
     Intervals of 95 % are between quantiles of a bootstrap over runs, with the same draws before and
     after. Those of 2.5 and 97.5 % would be too narrow, since the runs of a draw scatter about their
     own mean: with n runs and Student's t of n - 1 degrees of freedom they are those of the normal
-    deviates -+ sqrt(n/(n - 1)) t (Hesterberg 2015, The American Statistician 69, 371-386).
+    deviates -+ sqrt(n/(n - 1)) t (Hesterberg 2015, The American Statistician 69, 371-386). One run
+    tells no interval: its ends are NaN.
     """
     used = points > 0
     before, after, points = before[used], after[used], points[used]
@@ -33,13 +34,13 @@ def errors(before: np.ndarray, after: np.ndarray, points: np.ndarray, seed: int)
     rms_after = float(np.sqrt(after.sum() / points.sum()))
     removed = 1 - (rms_after / rms_before) ** 2 if rms_before > 0 else 0.0
     runs = int(used.sum())
-    freedom = max(runs - 1, 1)
+    freedom, unknown = max(runs - 1, 1), np.nan if runs < 2 else 0.0
     wide = np.sqrt(runs / freedom) * scipy.stats.t.isf(0.025, freedom)
     ends = scipy.stats.norm.cdf([-wide, wide])
 
     def interval(value: float, drawn: np.ndarray) -> Interval:
         low, high = np.quantile(drawn, ends)
-        return Interval(value, float(low), float(high))
+        return Interval(value, float(low) + unknown, float(high) + unknown)
 
     return Errors(
         interval(rms_before, drawn_before),

@@ -168,7 +168,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                     at_bound.append(said)
                     interval = Interval(interval.value, np.nan, np.nan)
                 parameters[said] = interval
-                column = effect.covariates[0] if effect.covariates else ""
+                column = getattr(part, "column", "") or next(iter(effect.covariates), "")
                 unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
                 units[said] = described.unit.replace("column", unit)
         formula = _formula(effect.parts[0])

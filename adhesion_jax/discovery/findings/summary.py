@@ -7,7 +7,7 @@ import pandas as pd
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.data.condensing import block_means
-from adhesion_jax.data.runs import RunSet
+from adhesion_jax.data.runs import RunSet, cut_alike
 from adhesion_jax.discovery.findings.alternatives import confounded, likenesses, proposals
 from adhesion_jax.discovery.findings.cautions import (
     absent,
@@ -80,13 +80,13 @@ def summarise(
     before, after = predicted(bare, runs), predicted(law, runs)
     validation = validation_of(runs, before, after, plain.fitted, final.fitted, seed)
     trees = opinion if correct else None
-    tested, with_trees, predictions = _on_test(test, bare, law, trees, problem, seed)
+    tested, with_trees, predictions = _on_test(runs, test, bare, law, trees, problem, seed)
     refuted = _refuted(final.accepted, validation, tested)
     if refuted and predictions is not None:
         predictions = predictions.assign(corrected=predictions["base"])
     left = left_by(runs, law, after, final.setting.share, course.left)
     noise = noise_of(left)
-    outside = extrapolated(final.accepted, problem, law, runs, test)
+    outside = extrapolated(final, law, runs, test)
     alike = likenesses(final, library_of(problem))
     effects = found_effects(final, validation)
     # A wave along the track whose form is inexact leaves lines in the spectrum over time.
@@ -115,7 +115,7 @@ def summarise(
         proposals=proposals(final, alike),
         dependences=dependences(final, seed),
         warnings=(*refuted, *unnamed, *words, *far, absent(runs)),
-        points=_points(blocks, before, after),
+        points=_points(runs, blocks, before, after),
         predictions=predictions,
         seconds=0.0,
         thresholds=final.thresholds,
@@ -146,14 +146,16 @@ def smoothing_of(
         law = law_of(state, ranges_of(state.setting.problem, runs))
         if test is None:
             return left_out(runs, predicted(law, runs), state.fitted)
-        return squares(test, predicted(law, test))
+        return squares(cut_alike(course.runs, test), predicted(law, test))
 
     raw, settled = tests or (None, None)
     before, after = of(measured, course.measured, raw), of(smooth, course.runs, settled)
-    return errors(before, after, (raw or course.runs).lengths, seed)
+    lengths = (cut_alike(course.runs, raw) if raw else course.runs).lengths
+    return errors(before, after, lengths, seed)
 
 
 def _on_test(
+    runs: RunSet,
     test: RunSet | None,
     bare: CorrectedLaw,
     law: CorrectedLaw,
@@ -163,20 +165,22 @@ def _on_test(
 ) -> tuple[Errors | None, Errors | None, pd.DataFrame | None]:
     """Errors of the law on a test set, and of the trees on top of it; the predictions of its rows.
 
-    The predictions have one line for each row of the test files, in its order.
+    The predictions have one line for each row of the test files, in its order. The errors are those
+    of the runs of the test set; of one run only if blocks take the place of runs in training too.
     """
     if test is None:
         return None, None, None
     before, after = predicted(bare, test), predicted(law, test)
+    parts = cut_alike(runs, test)
     columns, with_trees = {"base": before, "corrected": after}, None
     if opinion is not None and opinion.correction is not None:
         known = columns_of(problem.columns, problem.calendar, test)
         more = opinion.correction(features_of(problem, test.whole.slip, known))
         columns["with_trees"] = after + np.sign(test.whole.slip) * more
-        with_trees = errors_of(test, before, columns["with_trees"], seed)
+        with_trees = errors_of(parts, before, columns["with_trees"], seed)
     table = pd.DataFrame({"row": test.places, **columns})
     return (
-        errors_of(test, before, after, seed),
+        errors_of(parts, before, after, seed),
         with_trees,
         table.sort_values("row", ignore_index=True),
     )
@@ -217,12 +221,13 @@ def _refuted(accepted: Sequence[Accepted], validation: Errors, test: Errors | No
     """What says that the law is worse than the curve alone: then the curve alone is saved.
 
     Worse on runs left out is a larger error, as they may decide for the plainer law; on the test
-    data, which may not, it is one that is surely larger.
+    data, which may not, it is one that is surely larger, which few runs cannot show.
     """
     if not accepted:
         return []
     left_out = validation.removed.value, validation, "on runs left out"
-    unseen = [] if test is None else [(test.removed.high, test, "on the test data")]
+    many = test is not None and test.runs >= rules.FEWEST_RUNS
+    unseen = [(test.removed.high, test, "on the test data")] if test and many else []
     for removed, one, where in (*unseen, left_out):
         if removed < 0:
             return [
@@ -233,15 +238,15 @@ def _refuted(accepted: Sequence[Accepted], validation: Errors, test: Errors | No
     return []
 
 
-def _points(blocks: RunSet, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
+def _points(runs: RunSet, blocks: RunSet, before: np.ndarray, after: np.ndarray) -> pd.DataFrame:
     """The points of the search, one row a point: a training row, or the mean of a block of them."""
     whole = blocks.whole
     columns = {
         "run": np.repeat(np.array(blocks.names, dtype=object), blocks.lengths),
         "slip": whole.slip,
         "adhesion": whole.adhesion,
-        "before": block_means(before, blocks),
-        "after": block_means(after, blocks),
+        "before": block_means(before, runs, blocks),
+        "after": block_means(after, runs, blocks),
     }
     return pd.DataFrame({**columns, **whole.conditions})
 

@@ -303,35 +303,56 @@ def _matter_of_form(new: Accepted, old: Accepted, varying: Set[str]) -> bool:
 
 
 def undecided(state: Selection) -> tuple[Doubt, ...]:
-    """The doubt about the best significant candidate of the last round that was not accepted."""
+    """The doubt about the best candidate of the last round that stands out and was not accepted.
+
+    In fewer runs than any p could be significant of, one stands out by its score alone.
+    """
     last = [row for row in state.ranking if row.round == state.ranking[-1].round]
+    if any(row.decision == "accepted" for row in last):
+        return ()
+    runs = state.setting.problem.runs
+    if least_p(runs) > rules.SIGNIFICANT:
+        seen = [row for row in last if row.z >= state.thresholds[-1]]
+        return (_of_few_runs(max(seen, key=lambda row: row.z), runs),) if seen else ()
     taken = {member for effect in state.accepted for member in effect.members}
     # A column of an accepted effect asks for another form of that effect, not for another effect.
     taken |= {f"covariate:{name}" for effect in state.accepted for name in effect.covariates}
     standing = [
         row
         for row in last
-        if row.p_adjusted <= rules.SIGNIFICANT
-        and row.gain > 0
-        and row.name.split(" (")[0] not in taken
+        if row.p_adjusted <= rules.SIGNIFICANT and row.gain > 0 and _plain(row) not in taken
     ]
-    if not standing or any(row.decision == "accepted" for row in last):
+    if not standing:
         return ()
     row = max(standing, key=lambda row: row.gain)
-    name = row.name.split(" (")[0]
-    p = p_is(row.p_adjusted, least_p(state.setting.problem.runs))
-    seen = f"{row.name} stands out in the residual (adjusted {p}), but"
+    p = p_is(row.p_adjusted, least_p(runs))
+    seen_as = f"{row.name} stands out in the residual (adjusted {p}), but"
     if state.fitted.log and row.gain > rules.SURE_ERRORS_OF_COLUMN * row.gain_se:
         why = (
-            f"{seen} what it explains lies in one stretch of the only run: it is not counted as an "
-            "effect. A single event agrees with every column that was different there; a second "
+            f"{seen_as} what it explains lies in one stretch of the only run: it is not counted as "
+            "an effect. A single event agrees with every column that was different there; a second "
             "run over the same line would decide."
         )
     else:
         why = (
-            f"{seen} taken into the law it does not raise the likelihood of runs left out by "
+            f"{seen_as} taken into the law it does not raise the likelihood of runs left out by "
             f"enough ({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not "
             "counted as an effect. It may be weak, or a proxy for a cause that has no column here; "
             "more runs in which it varies would decide."
         )
-    return (Doubt((name,), why),)
+    return (Doubt((_plain(row),), why),)
+
+
+def _plain(row: Candidate) -> str:
+    """The name of a candidate without its form."""
+    return row.name.split(" (")[0]
+
+
+def _of_few_runs(row: Candidate, runs: int) -> Doubt:
+    p = p_is(row.p_adjusted, least_p(runs))
+    why = (
+        f"{row.name} stands out most in the residual, as far as {runs} runs can show it (adjusted "
+        f"{p}; its score is {row.z:.1f} standard errors): it is not counted as an effect, since "
+        "so few runs agree by chance too often. More runs in which it varies would decide."
+    )
+    return Doubt((_plain(row),), why)

@@ -276,9 +276,12 @@ def shape_panels(findings: Findings) -> Figure | None:
     figure, axes = panels(len(shown), 2.6, "adhesion (1)")
     for axis, (effect, name) in zip(axes, shown, strict=True):
         for quantile, style in _QUANTILES.items():
-            value = float(findings.points[name].quantile(quantile))
+            # Labels have no values between them.
+            value = float(findings.points[name].quantile(quantile, interpolation="nearest"))
+            said = findings.named[name][int(value)] if name in findings.named else number(value)
             adhesion = adhesion_of(findings.law, grid, {**conditions, name: value})
-            axis.plot(grid, adhesion, label=f"{number(value)} ({100 * quantile:.0f} %)", **style)
+            label = f"{label_text(said)} ({100 * quantile:.0f} %)"
+            axis.plot(grid, adhesion, label=label, **style)
         slip_axis(axis, low, high, gap=0.13)
         axis.set_xlim(low, high)
         axis.set_xlabel(f"{column_label(findings.slip)}, {STRETCHED}")
@@ -311,10 +314,14 @@ def law_grid(findings: Findings) -> np.ndarray:
 
 
 def medians(findings: Findings) -> Mapping[str, float]:
-    """The median of every column, so that the law is drawn in its steady state."""
+    """The median of every column, so that the law is drawn in its steady state.
+
+    It is one of the values, since labels have none between them.
+    """
     numeric = findings.points.select_dtypes("number").drop(
         columns=["run", "slip", "adhesion", "before", "after"], errors="ignore"
     )
     calendar = findings.law.calendar
     middle = {calendar.column: float(calendar.start + calendar.end) / 2}
-    return {**middle, **{str(name): float(value) for name, value in numeric.median().items()}}
+    typical = numeric.quantile(interpolation="nearest")
+    return {**middle, **{str(name): float(value) for name, value in typical.items()}}

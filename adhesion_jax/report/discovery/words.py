@@ -161,12 +161,18 @@ def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
 def verdict(findings: Findings) -> str:
     """The verdict: what is missing, the evidence for it, and how far the error falls."""
     held_out = _held_out(findings)
+    effects = [
+        effect
+        for effect in findings.effects
+        if effect.name not in _IN_NOISE and np.isfinite(effect.p_adjusted)
+    ]
     told = sentences_of(
         "discover.txt",
         findings=findings,
-        effects=[effect for effect in findings.effects if effect.name not in _IN_NOISE],
+        effects=effects,
+        stated=[one for one in findings.effects if not np.isfinite(one.p_adjusted)],
         part_of_noise=_IN_NOISE,
-        open_questions=_open_questions(findings),
+        open_questions=_open_questions(findings, bool(effects or findings.unexplained)),
         first=_first_of_ranking(findings),
         held_out=held_out,
         where=_where(findings),
@@ -208,11 +214,15 @@ def _unlike(findings: Findings) -> list[str]:
     ]
 
 
-def _open_questions(findings: Findings) -> list[str]:
-    """Sentences, without full stops, on structure in the data that is not counted as an effect."""
+def _open_questions(findings: Findings, claims: bool) -> list[str]:
+    """Sentences, without full stops, on structure in the data that is not counted as an effect.
+
+    `claims` says whether the verdict names an effect.
+    """
     told = sentences_of(
         "open_questions.txt",
         findings=findings,
+        claims=claims,
         dropped=[text for text in findings.warnings if _DROPPED in text],
         first=_first_of_ranking(findings),
         significant=rules.SIGNIFICANT,
@@ -242,7 +252,7 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
     change = factor[place] - 1
     return (
         f"adhesion is {percent(abs(change))} {'lower' if change < 0 else 'higher'} where {column} "
-        f"is {number(most.values[place])} than at its median"
+        f"is {number(most.values[place])} than without it"
     )
 
 
