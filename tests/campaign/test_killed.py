@@ -155,14 +155,15 @@ def test_how_far_a_job_is_is_shown_on_a_terminal_alone(tmp_path):
     assert ended(begun(tmp_path)) == (0, "")
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, 200))
-    job = begun(tmp_path, stderr=theirs)
+    many = 8 * RUNS  # for seconds, since it is looked every half a second at what is done
+    job = begun(tmp_path, job=(*JOB, "--runs", many), stderr=theirs)
     os.close(theirs)
     shown = read_all(ours)
     os.close(ours)
     assert job.wait() == 0
-    counts = [int(count) for count in re.findall(rf"(\d+)/{RUNS} ", shown)]
+    counts = [int(count) for count in re.findall(rf"(\d+)/{many} ", shown)]
     assert counts == sorted(counts)
-    assert counts[-1] == RUNS
+    assert counts[-1] == many
     assert "workers: " in shown
     assert "ml-exact on single" in shown
 
