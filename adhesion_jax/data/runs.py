@@ -83,6 +83,11 @@ class RunSet(NamedTuple):
         return np.diff(self.starts, append=self.whole.slip.size)
 
     @property
+    def run(self) -> np.ndarray:
+        """The number of the run of each row, [rows]."""
+        return np.repeat(np.arange(self.starts.size), self.lengths)
+
+    @property
     def record(self) -> Record:
         """The runs side by side, arrays [runs, points].
 

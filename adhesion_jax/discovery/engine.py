@@ -371,7 +371,7 @@ def _without_trees(state: Selection) -> str:
             "the rows are one run in which neighbouring errors are alike, so that rows left out "
             "would not show whether they predict anything."
         )
-    return "they predict nothing of what the law leaves that might not be chance."
+    return "it is not sure enough that they predict anything of what the law leaves."
 
 
 def opinion_of(state: Selection, seed: int, without: Container[str] = ()) -> Opinion | None:

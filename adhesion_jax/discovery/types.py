@@ -127,8 +127,9 @@ class Findings(NamedTuple):
     #: One row a point of the search, a training row or the mean of a block of neighbouring ones:
     #: run, slip, adhesion, before, after, every column.
     points: pd.DataFrame
-    #: With a test set, one row a row of it: row, base, corrected (by the law that is saved), and
-    #: with_trees if asked for.
+    #: With a test set, one row a row of it that is used: row (its number among these), run, time_s
+    #: if there is one, slip, adhesion, then its prediction: base, corrected (by the law that is
+    #: saved), and with_trees if asked for.
     predictions: pd.DataFrame | None
     seconds: float
     #: The z of the score test whose adjusted p equals the significance level, by round; NaN or left

@@ -3,9 +3,10 @@
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +14,7 @@ import numpy as np
 
 from adhesion_jax.curves import BASES, Curve, Law, Parameter
 from adhesion_jax.curves.bent import Bent
-from adhesion_jax.effects import KINDS, kind_of
+from adhesion_jax.effects import KINDS, Labels, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
@@ -31,18 +32,21 @@ _CHANGED |= dict.fromkeys(("contact_heating", "cleaning", "torque_offset"), 4)
 _NO_TIME = Calendar("run_order", 0.0, 1.0)
 
 
-def save_law(path: str | PathLike[str], law: Law) -> None:
+def save_law(
+    path: str | PathLike[str], law: Law, labels: Mapping[str, Sequence[str]] = MappingProxyType({})
+) -> None:
     """Write a law, or a curve with its departure or without, as JSON: names and numbers.
 
     Args:
         path: the file.
         law: what `discover` found, or the curve of `identify`.
+        labels: by column, what its numbers from 0 on stand for.
     """
-    Path(path).write_text(law_text(law), encoding="utf-8")
+    Path(path).write_text(law_text(law, labels), encoding="utf-8")
 
 
-def law_text(law: Law) -> str:
-    """A law as JSON."""
+def law_text(law: Law, labels: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
+    """A law as JSON, with the labels of the columns that its effects know by numbers."""
     if not isinstance(law, CorrectedLaw):
         law = CorrectedLaw(law, (), {}, _NO_TIME)
     bent = law.curve if isinstance(law.curve, Bent) else None
@@ -57,6 +61,9 @@ def law_text(law: Law) -> str:
         "ranges": dict(law.ranges),
         "calendar": law.calendar._asdict(),
     }
+    columns = [effect.column for effect in law.effects if isinstance(effect, Labels)]
+    if known := {name: [*labels[name]] for name in columns if name in labels}:
+        told["labels"] = known
     return json.dumps(told, indent=2) + "\n"
 
 

@@ -80,7 +80,9 @@ class Discovery:
 
     @property
     def predictions(self) -> pd.DataFrame | None:
-        """A row for each row of the test: row, base, corrected and, if asked for, with_trees."""
+        """A row for each used row of the test: row (the number among these), run, time_s, slip,
+        adhesion, and its prediction by base, corrected and, if asked for, with_trees.
+        """
         return self.findings.predictions
 
     @property

@@ -161,8 +161,11 @@ def test_odd_columns_are_warned_of(report):
 def test_predictions_are_one_line_a_row_in_order(report):
     folder, test = report
     predictions = pd.read_csv(folder / "predictions.csv")
-    assert [*predictions] == ["row", "base", "corrected"]
+    measured = ["row", "run", "time_s", "slip", "adhesion"]
+    assert [*predictions] == [*measured, "base", "corrected"]
     assert predictions["row"].tolist() == list(range(len(test)))
+    for name, column in (("run", "run"), ("time_s", "time_s"), ("slip", "slip_ratio")):
+        assert predictions[name].tolist() == test[column].tolist()
     told = json.loads((folder / "report.json").read_text())["rmse"]["test"]
     for column, when in (("base", "before"), ("corrected", "after")):
         error = predictions[column] - test["adhesion"]

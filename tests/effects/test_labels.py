@@ -1,6 +1,7 @@
 """A level for each label of a column, against its formula, and what counts as labels."""
 
 import dataclasses
+import json
 
 import jax.numpy as jnp
 import numpy as np
@@ -81,6 +82,7 @@ def test_a_law_with_labels_is_saved_and_leaves_a_strange_label_as_it_is(tmp_path
         case _:
             expected = np.asarray(bare(slip + g, {}))
     np.testing.assert_allclose(law(slip, {"rail": rail}), expected, rtol=1e-14)
-    save_law(tmp_path / "law.json", law)
+    save_law(tmp_path / "law.json", law, {"rail": ["dry", "wet"], "operator": ["op1"]})
     loaded = load_law(tmp_path / "law.json")
     np.testing.assert_array_equal(loaded(slip, {"rail": rail}), law(slip, {"rail": rail}))
+    assert json.loads((tmp_path / "law.json").read_text())["labels"] == {"rail": ["dry", "wet"]}

@@ -165,8 +165,9 @@ def _on_test(
 ) -> tuple[Errors | None, Errors | None, pd.DataFrame | None]:
     """Errors of the law on a test set, and of the trees on top of it; the predictions of its rows.
 
-    The predictions have one line for each row of the test files, in its order. The errors are those
-    of the runs of the test set; of one run only if blocks take the place of runs in training too.
+    The predictions have one line for each row that is used of the test files, in their order, with
+    what was measured there. The errors are those of the runs of the test set, and those of blocks
+    of its only run where blocks take the place of runs in training too.
     """
     if test is None:
         return None, None, None
@@ -178,7 +179,14 @@ def _on_test(
         more = opinion.correction(features_of(problem, test.whole.slip, known))
         columns["with_trees"] = after + np.sign(test.whole.slip) * more
         with_trees = errors_of(parts, before, columns["with_trees"], seed)
-    table = pd.DataFrame({"row": test.places, **columns})
+    measured = {
+        "row": test.places,
+        "run": pd.Categorical.from_codes(test.run, test.names),
+        **{name: rows for name, rows in test.whole.conditions.items() if name == "time_s"},
+        "slip": test.whole.slip,
+        "adhesion": test.whole.adhesion,
+    }
+    table = pd.DataFrame({**measured, **columns})
     return (
         errors_of(parts, before, after, seed),
         with_trees,

@@ -37,8 +37,7 @@ def courses(runs: RunSet) -> list[np.ndarray]:
     conditions = runs.whole.conditions
     if "time_s" not in conditions:
         return []
-    number = np.repeat(np.arange(runs.starts.size), runs.lengths)
-    series = np.zeros_like(number) if runs.blocks else number
+    series = np.zeros_like(runs.run) if runs.blocks else runs.run
     if "axle" in conditions:
         axles, axle = np.unique(conditions["axle"], return_inverse=True)
         series = series * axles.size + axle

@@ -79,7 +79,7 @@ def write_discovery(folder: Path, findings: Findings, logs: Sequence[Chosen] = (
     write_page(folder, content)
     (folder / "report.md").write_text(page_markdown(content), encoding="utf-8")
     write_metadata(folder / "report.json", report_json(findings))
-    save_law(folder / "law.json", findings.law)
+    save_law(folder / "law.json", findings.law, findings.named)
     write_table(folder / "ranking.csv", ranking_frame(findings))
     if findings.predictions is not None:
         write_table(folder / "predictions.csv", findings.predictions)
@@ -89,6 +89,7 @@ def report_json(findings: Findings) -> dict[str, object]:
     """The findings for programs: names as in catalogue and file; what is missing is null."""
     errors = {
         "train": findings.train,
+        "cross_validation": findings.validation,
         "test": findings.test,
         "test_with_trees": findings.with_trees,
         "smoothing": findings.smoothing,
