@@ -144,7 +144,8 @@ def test_json_is_plain_and_keeps_its_contract(written, name):
     keys = "format base noise_floor rmse effects unexplained doubts second_opinion warnings"
     assert list(report) == keys.split()
     assert report["format"] == 4
-    assert list(report["rmse"]) == ["train", "test"] if findings.test else ["train"]
+    told = ["train", "cross_validation", *(["test"] if findings.test else [])]
+    assert list(report["rmse"]) == told
     assert all(list(pair) == ["before", "after"] for pair in report["rmse"].values())
     keys = ["name", "candidates", "covariates", "acts_on", "parameters", "p_adjusted", "rmse_after"]
     assert all(list(effect) == keys for effect in report["effects"])
