@@ -181,7 +181,7 @@ def _on_test(
         with_trees = errors_of(parts, before, columns["with_trees"], seed)
     measured = {
         "row": test.places,
-        "run": pd.Categorical.from_codes(test.run, test.names),
+        "run": pd.Categorical.from_codes(test.run, pd.Index(test.names, dtype="str")),
         **{name: rows for name, rows in test.whole.conditions.items() if name == "time_s"},
         "slip": test.whole.slip,
         "adhesion": test.whole.adhesion,
