@@ -134,3 +134,23 @@ def test_channels_of_one_name_keep_that_of_their_group(tmp_path):
     ((block, _),) = sheet.blocks()
     assert block["v"][0].as_py() is None
     assert block["v"][1].as_py() == pytest.approx(36.05)
+
+
+def test_nothing_is_invented_while_a_channel_is_not_recorded(tmp_path):
+    """Adhesion and a gear at 10 Hz that stop for 15 s; a state that is sent on change goes on."""
+    time = 0.1 * np.arange(300)
+    known = (time < 5) | (time > 20)
+    sent = np.array([0.0, 0.3, 25.0, 25.2, 29.0])
+    file = asammdf.MDF()
+    for at, signals in (
+        (time, {"v": 36 + time}),
+        (time[known], {"mu": 0.2 + 0 * time[known], "gear": np.full(known.sum(), 3)}),
+        (sent, {"brake": np.array([0, 1, 2, 3, 4])}),
+    ):
+        file.append([asammdf.Signal(values, at, name=name) for name, values in signals.items()])
+    file.save(tmp_path / "log.mf4")
+    ((block, _),) = sheet_of_file(tmp_path / "log.mf4").blocks()
+    for name, value in (("mu", 0.2), ("gear", 3.0)):
+        values = block[name].to_numpy(zero_copy_only=False)
+        np.testing.assert_array_equal(values, np.where(known, value, np.nan))
+    assert {*block["brake"].to_numpy(zero_copy_only=False)[3:250]} == {1.0}
