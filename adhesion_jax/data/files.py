@@ -20,7 +20,15 @@ import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
-from adhesion_jax.data.cells import A_DATE, AND_TIME, MISSING, TIME_OF_DAY, form_of, is_text
+from adhesion_jax.data.cells import (
+    A_DATE,
+    AND_TIME,
+    MISSING_LABEL,
+    TIME_OF_DAY,
+    form_of,
+    is_text,
+    known,
+)
 from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
 from adhesion_jax.data.dialect import Dialect, dialect_of, encoding_of, ragged, tidy
 from adhesion_jax.errors import InputError
@@ -268,7 +276,7 @@ def _text_blocks(
                 pyarrow.csv.ConvertOptions(
                     column_types=dict.fromkeys(keys, pyarrow.string()),
                     include_columns=[keys[place] for place in places.values()],
-                    null_values=list(MISSING),
+                    null_values=list(MISSING_LABEL),
                     strings_can_be_null=True,
                 ),
             )
@@ -357,7 +365,7 @@ def with_dates_joined(sheet: Sheet) -> Sheet:
         for block, share in sheet.blocks():
             cells = dict(block)
             parts = (cells.pop(name).cast(pyarrow.string()) for name in (date, clock))
-            trimmed = map(pyarrow.compute.utf8_trim_whitespace, parts)
+            trimmed = map(known, map(pyarrow.compute.utf8_trim_whitespace, parts))
             cells[both] = pyarrow.compute.binary_join_element_wise(*trimmed, " ")
             yield cells, share
 

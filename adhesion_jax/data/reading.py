@@ -264,7 +264,10 @@ def _format_notes(sheet: Sheet, found: Understanding, rows: Rows) -> list[str]:
         for name in found.left_out
     ]
     notes += [
-        f"The column {name} keeps its name: it is not known {one.question}."
+        f"The column {name} is not used as a time: its cells have no form of dates or times that "
+        "is read (write them as 2026-11-24 08:00:00.010)."
+        if one.quantities == ("time_s",) and name not in rows.numbers
+        else f"The column {name} keeps its name: it is not known {one.question}."
         for name, one in found.questions.items()
         if name not in found.left_out
     ]
