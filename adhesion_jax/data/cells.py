@@ -179,6 +179,8 @@ def stamps(cells: pyarrow.Array, form: str = "") -> tuple[pyarrow.Int64Array, np
     if pyarrow.types.is_timestamp(kind):
         ticks = cells.cast(pyarrow.timestamp("ns", kind.tz), safe=False)
         return ticks.cast(pyarrow.int64()), _NOWHERE
+    if pyarrow.types.is_duration(kind):
+        return cells.cast(pyarrow.duration("ns"), safe=False).cast(pyarrow.int64()), _NOWHERE
     if pyarrow.types.is_time(kind):
         return cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NOWHERE
     compute = pyarrow.compute

@@ -174,9 +174,17 @@ def sheet_of_file(path: Path) -> Sheet:
 
 
 def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
-    """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
-    places = _named(name, [str(column) for column in frame.columns])
-    cells = {column: _arrow(frame.iloc[:, place]) for column, place in places.items()}
+    """A data frame as if read from a file; rows count from 0, as by `frame.iloc`.
+
+    An index that has a name, or holds times, is a column.
+    """
+    index = frame.index
+    of_times = isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex)
+    if of_times or {*index.names} - {None, *frame.columns}:
+        frame = frame.reset_index(allow_duplicates=True)
+    written = [_arrow(frame.iloc[:, place]) for place in range(frame.shape[1])]
+    places = _named(name, [str(column) for column in frame.columns], written)
+    cells = {column: written[place] for column, place in places.items()}
     return Sheet(name, tuple(cells), {}, _stamps(cells), 0, None, "", lambda: iter([(cells, 1.0)]))
 
 
@@ -194,11 +202,11 @@ def _parquet(path: Path) -> Sheet:
         # Read as a stream: by default the whole file is in memory until its last row is read.
         file = pyarrow.parquet.ParquetFile(path, buffer_size=_STREAM_BYTES, pre_buffer=False)
         schema = file.schema_arrow
-        places = _named(str(path), schema.names)
-        written = {name: schema.names[place] for name, place in places.items()}
-        first = next(file.iter_batches(_SHOWN, columns=[*written.values()]), None)
+        first = next(file.iter_batches(_SHOWN), None)
         first = first or pyarrow.RecordBatch.from_pylist([], schema)
         first.validate(full=True)
+        places = _named(str(path), schema.names, first.columns)
+        written = {name: schema.names[place] for name, place in places.items()}
         stamps = _stamps({name: first.column(column) for name, column in written.items()})
 
     def decoded(cells: pyarrow.Array) -> pyarrow.Array:
@@ -229,13 +237,14 @@ def _text(path: Path, opened: _Opened) -> Sheet:
         encoding = encoding_of(stream, str(path))
     with opened() as (stream, _):
         dialect = dialect_of(stream, encoding, str(path))
-    places = _named(str(path), dialect.names)
     rows = dialect.rows[:_SHOWN]
+    shown = [pyarrow.array([row[at] for row in rows]) for at in range(len(dialect.names))]
+    places = _named(str(path), dialect.names, shown)
     return Sheet(
         str(path),
         tuple(places),
         {name: dialect.units[place] for name, place in places.items()} if dialect.units else {},
-        _stamps({name: pyarrow.array([row[at] for row in rows]) for name, at in places.items()}),
+        _stamps({name: shown[place] for name, place in places.items()}),
         dialect.above + 1,
         dialect.mark,
         dialect.sentence,
@@ -317,9 +326,13 @@ def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
             raise InputError(f"{path} is not a whole {broken} anew.") from None
 
 
-def _named(path: str, written: Sequence[str]) -> dict[str, int]:
-    """The names that are more than those of a saved index, and their places."""
-    names = [tidy(name) for name in written]
+def _named(path: str, written: Sequence[str], columns: Sequence[pyarrow.Array]) -> dict[str, int]:
+    """The names that are more than those of a saved index without times, and their places."""
+    stamps = _stamps({str(place): cells for place, cells in enumerate(columns)})
+    names = [
+        "index" if str(place) in stamps and _SAVED_INDEX.fullmatch(name) else name
+        for place, name in enumerate(map(tidy, written))
+    ]
     twice = next((name for name in names if name and names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{path} has the column {twice} twice; give every column its own name.")
@@ -333,7 +346,7 @@ def _stamps(columns: Block) -> dict[str, str]:
         kind = cells.type
         if pyarrow.types.is_timestamp(kind):
             found[name] = "a date and time"
-        elif pyarrow.types.is_time(kind):
+        elif pyarrow.types.is_time(kind) or pyarrow.types.is_duration(kind):
             found[name] = TIME_OF_DAY
         elif pyarrow.types.is_date(kind):
             found[name] = A_DATE

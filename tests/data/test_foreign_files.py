@@ -4,10 +4,11 @@ import zipfile
 
 import asammdf
 import numpy as np
+import pandas as pd
 import pytest
 from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, TIME, tdms_of_two_starts, written
 
-from adhesion_jax.data import read_measured
+from adhesion_jax.data import read_measured, to_measured
 from adhesion_jax.data.files import sheet_of_file
 from adhesion_jax.errors import InputError
 
@@ -154,3 +155,27 @@ def test_nothing_is_invented_while_a_channel_is_not_recorded(tmp_path):
         values = block[name].to_numpy(zero_copy_only=False)
         np.testing.assert_array_equal(values, np.where(known, value, np.nan))
     assert {*block["brake"].to_numpy(zero_copy_only=False)[3:250]} == {1.0}
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        pd.date_range("2026-11-24", periods=ROWS, freq="50ms"),
+        pd.to_timedelta(TIME, unit="s"),
+        pd.Index(TIME, name="t [s]"),
+    ],
+    ids=["dates", "durations", "named"],
+)
+def test_an_index_of_times_is_a_column(index, tmp_path):
+    """As pandas keeps it, and as it writes it."""
+    table = LOG.drop(columns="Zeit [s]").set_index(index)
+    table.to_parquet(tmp_path / "log.parquet")
+    found = [to_measured("log", table), read_measured(tmp_path / "log.parquet")]
+    if not isinstance(index, pd.TimedeltaIndex):  # as "0 days 00:00:00.05" in a CSV
+        table.to_csv(tmp_path / "log.csv")
+        found.append(read_measured(tmp_path / "log.csv"))
+    for one in found:
+        np.testing.assert_allclose(one.table["time_s"], TIME, atol=1e-9)
+    # One that only counts the rows is none, and one that is a column too is that.
+    kept = to_measured("log", LOG.set_index("Zeit [s]", drop=False))
+    assert [*kept.understood["column"]] == [*to_measured("log", LOG).understood["column"]]
