@@ -97,8 +97,8 @@ def zipped(path: Path, endings: tuple[str, ...]) -> BufferedIOBase:
     raise InputError(f"{path} must hold one table of text, and has {there}; unpack it.")
 
 
-def _vectors(path: Path) -> list[Vector]:
-    """What the program `vectors` finds in a file."""
+def _vectors(path: Path) -> tuple[list[Vector], list[str]]:
+    """What the program `vectors` finds in a file, and the names of what it does not read."""
     with TemporaryDirectory() as folder, _whole(path, f"{path.suffix} file"):
         out = Path(folder) / "vectors.npz"
         # -P: it shall not find the modules beside it in the place of those of libraries.
@@ -115,10 +115,11 @@ def _vectors(path: Path) -> list[Vector]:
         if done.returncode:
             raise ValueError(told or "the library that reads it breaks down")
         with np.load(out) as arrays:
+            names, unread = json.loads(str(arrays["told"]))
             return [
                 Vector(name, unit, arrays[f"values {i}"], arrays[f"time {i}"])
-                for i, (name, unit) in enumerate(json.loads(str(arrays["told"])))
-            ]
+                for i, (name, unit) in enumerate(names)
+            ], unread
 
 
 def _of_one_length(path: Path, found: Sequence[Vector]) -> Framed:
@@ -149,13 +150,24 @@ def _named(found: Sequence[Vector]) -> dict[str, Vector]:
 
 
 def _framed(path: Path) -> Framed:
-    """The vectors of a file as columns, on the times of those that have most samples.
+    """The vectors of a file as columns; what is not read is told."""
+    found, unread = _vectors(path)
+    frame, said = _together(path, found)
+    if unread:
+        said += (
+            "; what is no vector of real numbers, text or dates is not read: "
+            f"{listed(unread[:_TOLD])}{' ...' if unread[_TOLD:] else ''}"
+        )
+    return frame, said
+
+
+def _together(path: Path, found: Sequence[Vector]) -> Framed:
+    """Vectors as columns, on the times of those that have most samples.
 
     Numbers of a slower one are put there by straight lines; whole numbers, which may be states, and
     text have the value before. Before its first and after its last sample a signal has no value,
     nor in a gap; but a state that is only sent when it changes holds until then.
     """
-    found = _vectors(path)
     timed = [one for one in found if one.time.size == one.values.size]
     if len(timed) < len(found) or not found:
         return _of_one_length(path, found)

@@ -3,10 +3,23 @@
 import zipfile
 
 import asammdf
+import nptdms
 import numpy as np
 import pandas as pd
 import pytest
-from foreign_logs import DRIVER, FOREIGN, GEARS, LOG, ROWS, TIME, tdms_of_two_starts, written
+import scipy.io
+from foreign_logs import (
+    DRIVER,
+    FOREIGN,
+    GEARS,
+    LOG,
+    NAMES,
+    ROWS,
+    TIME,
+    VARIABLES,
+    tdms_of_two_starts,
+    written,
+)
 
 from adhesion_jax.data import read_measured, to_measured
 from adhesion_jax.data.files import sheet_of_file
@@ -179,3 +192,27 @@ def test_an_index_of_times_is_a_column(index, tmp_path):
     # One that only counts the rows is none, and one that is a column too is that.
     kept = to_measured("log", LOG.set_index("Zeit [s]", drop=False))
     assert [*kept.understood["column"]] == [*to_measured("log", LOG).understood["column"]]
+
+
+def test_a_channel_of_stamps_is_the_time(tmp_path):
+    """As LabVIEW writes it where it does not keep the step."""
+    at = np.datetime64("2026-11-24T08:00:00.000000") + (1e6 * TIME).astype("timedelta64[us]")
+    with nptdms.TdmsWriter(tmp_path / "log.tdms") as file:
+        for name, (stem, unit) in NAMES.items():
+            values, told = LOG[name].to_numpy(), {"unit_string": unit}
+            if stem == "Zeit":
+                values, told = at, {}
+            file.write_segment([nptdms.ChannelObject("a", stem, values, told)])
+    found = read_measured(tmp_path / "log.tdms")
+    np.testing.assert_allclose(found.table["time_s"], TIME, atol=1e-6)
+    assert "The time counts from 2026-11-24 08:00:00." in found.notes
+
+
+def test_what_is_no_vector_is_named(tmp_path):
+    more = {"map": np.ones((3, 4)), "spectrum": 1j * TIME, "rate": 20.0, "who": "Ada"}
+    scipy.io.savemat(tmp_path / "log.mat", VARIABLES | more)
+    said = sheet_of_file(tmp_path / "log.mat").format
+    assert said == (
+        "4 vectors of length 200; what is no vector of real numbers, text or dates is not read: "
+        "map and spectrum"
+    )
