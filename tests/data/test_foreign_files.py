@@ -216,3 +216,30 @@ def test_what_is_no_vector_is_named(tmp_path):
         "4 vectors of length 200; what is no vector of real numbers, text or dates is not read: "
         "map and spectrum"
     )
+
+
+@pytest.mark.parametrize(
+    "cell", [[1.0, 2.0], {"a": 1}, b"\xff\xfe"], ids=["list", "struct", "bytes"]
+)
+def test_columns_of_neither_numbers_nor_text(cell, tmp_path):
+    LOG.assign(more=[cell] * ROWS).to_parquet(tmp_path / "log.parquet")
+    assert read_measured(tmp_path / "log.parquet").left_out == ("more",)
+    with pytest.raises(InputError, match=r"column more holds no numbers and no text, which labels"):
+        read_measured(tmp_path / "log.parquet", {"run": "more"})
+    LOG.assign(mu=[cell] * ROWS).to_parquet(tmp_path / "log.parquet")
+    with pytest.raises(InputError, match="row 1 of column mu has the text"):
+        read_measured(tmp_path / "log.parquet")
+
+
+def test_a_label_may_be_any_number():
+    found = to_measured("log", LOG.assign(run=np.repeat([np.inf, 1e20], ROWS // 2)))
+    assert [*found.table["run"].unique()] == ["inf", "1e+20"]
+
+
+def test_text_with_decimal_commas_beside_numbers_of_a_sheet(tmp_path):
+    """Three digits behind the comma might part thousands, were the mark that of the other cells."""
+    at = np.arange(1000, 5000, 20)
+    slip = [f"{size / 1000:.3f}".replace(".", ",") for size in at]
+    LOG[["mu"]].assign(**{"Schlupf [%]": ["0,995", *slip[1:]]}).to_excel(f"{tmp_path}/log.xlsx")
+    found = read_measured(tmp_path / "log.xlsx").table
+    np.testing.assert_allclose(found["slip_ratio"], [0.00995, *at[1:] / 1e5])
