@@ -23,7 +23,9 @@ import pyarrow.parquet
 from adhesion_jax.data.cells import (
     A_DATE,
     AND_TIME,
+    EITHER,
     MISSING_LABEL,
+    ORDERS,
     TIME_OF_DAY,
     form_of,
     is_text,
@@ -93,6 +95,8 @@ def sheet_of(path: Path) -> Sheet:
         return sheet_of_file(path)
     found = glob.glob(f"{glob.escape(str(path))}/*" if is_folder else str(path))
     paths = [Path(one) for one in found if one.lower().endswith(ENDINGS) and os.path.isfile(one)]
+    # So begins the name of what Excel puts beside a workbook that is open.
+    paths = [one for one in paths if not one.name.startswith("~$")]
     if not paths:
         raise InputError(f"{path} has no file that can be read; {WANTED}.")
     paths.sort(key=_in_order)
@@ -108,6 +112,18 @@ def _in_order(path: Path) -> list[tuple[int, str]]:
 
 
 def _one_below_the_other(path: Path, paths: Sequence[Path], sheets: Sequence[Sheet]) -> Sheet:
+    # An order of day and month that one file shows is that of the others that leave it open.
+    decided = {
+        (name, form.replace(order, EITHER)): form
+        for one in sheets
+        for name, form in one.stamps.items()
+        for order in ORDERS
+        if form.startswith(order) and not form.startswith(EITHER)
+    }
+    sheets = [
+        one._replace(stamps={key[0]: decided.get(key, key[1]) for key in one.stamps.items()})
+        for one in sheets
+    ]
     first = sheets[0]
     for other in sheets[1:]:
         apart = sorted({*first.columns} ^ {*other.columns})
