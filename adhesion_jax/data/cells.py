@@ -80,6 +80,8 @@ def numbers(cells: pyarrow.Array, mark: str = ".") -> tuple[np.ndarray, np.ndarr
         text = known(compute.utf8_trim_whitespace(cells) if trimmed else cells)
         with suppress(pyarrow.ArrowInvalid):
             return _array(text.cast(pyarrow.float64())), _NOWHERE
+    with suppress(pyarrow.ArrowInvalid):  # True and False, which are 1 and 0
+        return numbers(text.cast(pyarrow.bool_()))
     values = pd.to_numeric(text.to_pandas().astype(object), errors="coerce").to_numpy(float)
     return values, np.flatnonzero(_array(text.is_valid()) & np.isnan(values))
 
@@ -111,6 +113,9 @@ A_DATE = "a date"
 #: What follows the form of a date where it goes on with a time.
 AND_TIME = " and time"
 
+#: What stands before it where each stamp says its zone.
+WITH_ZONE = " with zone"
+
 #: Dates of which the first number may be the day or the month, and the two ways to read them.
 EITHER = "day/month/year or month/day/year"
 ORDERS = ("day/month/year", "month/day/year")
@@ -125,6 +130,10 @@ _DATES = {
 _FORMS = {
     TIME_OF_DAY: re.compile(_CLOCK),
     **{form: re.compile(date) for form, date in _DATES.items()},
+    **{
+        form + WITH_ZONE + AND_TIME: re.compile(rf"{date}[T ,]\s*{_CLOCK}{_ZONE}")
+        for form, date in _DATES.items()
+    },
     **{
         # Spreadsheets write midnight as the date alone.
         form + AND_TIME: re.compile(rf"{date}([T ,]\s*{_CLOCK}({_ZONE})?)?")

@@ -27,6 +27,7 @@ from adhesion_jax.data.cells import (
     MISSING_LABEL,
     ORDERS,
     TIME_OF_DAY,
+    WITH_ZONE,
     form_of,
     is_text,
     known,
@@ -361,7 +362,7 @@ def _stamps(columns: Block) -> dict[str, str]:
     for name, cells in columns.items():
         kind = cells.type
         if pyarrow.types.is_timestamp(kind):
-            found[name] = "a date and time"
+            found[name] = A_DATE + (WITH_ZONE if kind.tz else "") + AND_TIME
         elif pyarrow.types.is_time(kind) or pyarrow.types.is_duration(kind):
             found[name] = TIME_OF_DAY
         elif pyarrow.types.is_date(kind):

@@ -10,6 +10,7 @@ import pyarrow.compute
 from adhesion_jax.data.cells import (
     OF_TWO_MEANINGS,
     TIME_OF_DAY,
+    WITH_ZONE,
     decimal_mark,
     is_text,
     numbers,
@@ -104,6 +105,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
+    zone = " UTC" if any(WITH_ZONE in one.stamp for one in taken) else ""
     found, named = {name: column.values for name, column in columns.items()}, {}
     for name, blocks in labels.items():
         kind = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
@@ -126,7 +128,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
         pd.RangeIndex(sheet.first_row, first_row),
         texts,
         left_out,
-        str(pd.Timestamp(origin)) if dated and origin is not None else "",
+        f"{pd.Timestamp(origin)}{zone}" if dated and origin is not None else "",
     )
 
 

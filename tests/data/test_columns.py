@@ -202,6 +202,7 @@ def test_what_is_no_stamp_is_told_by_its_place():
         (["2026-04-03"], "a date"),
         (["8:00:00"], "a time of day"),
         (["-", "8:00:00", "NaN"], "a time of day"),
+        (["3.4.2026 8:00Z", "3.4.2026 8:00+02:00"], "day.month.year with zone and time"),
         (["24.11.2026 23:59:59", "25.11.2026"], "day.month.year and time"),
     ],
 )
@@ -225,6 +226,17 @@ def test_times_of_no_form_that_is_read_are_told(tmp_path):
     notes = " ".join(read_measured(tmp_path / "a.csv").notes)
     assert "column Time is not used as a time: its cells have no form of dates or times" in notes
     assert "unit" not in notes
+
+
+def test_the_origin_of_stamps_with_a_zone_is_in_utc(tmp_path):
+    stamps = [f"2026-11-24 08:00:{row:02d}+01:00" for row in range(40)]
+    table = good().assign(Time=stamps, sanding=[row % 2 == 1 for row in range(40)])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    frame = table.assign(Time=pd.to_datetime(table["Time"]))
+    for found in (read_measured(tmp_path / "a.csv"), to_measured("log", frame)):
+        assert "The time counts from 2026-11-24 07:00:00 UTC." in found.notes
+        # As a data frame has them, and as it writes them.
+        np.testing.assert_array_equal(found.table["sanding"], np.arange(40) % 2)
 
 
 def test_a_label_none_is_a_label_and_a_number_none_is_missing(tmp_path):
