@@ -15,6 +15,9 @@ MISSING = (
     *("NULL", "<NA>", "#NV", "#N/A"),
 )
 
+#: Those of a missing label: a rail with the lubricant "none" is a dry one.
+MISSING_LABEL = ("", "NaN", "nan", "NAN", "NaT", "<NA>", "#NV", "#N/A")
+
 #: Numbers that can be read in one way only if the mark is a comma, or a point: not 1,234, which
 #: may be one and a quarter or a thousand. A group after a thousands mark has three digits, and the
 #: first does not begin with 0.
@@ -74,13 +77,19 @@ def numbers(cells: pyarrow.Array, mark: str = ".") -> tuple[np.ndarray, np.ndarr
     if mark == ",":
         cells = compute.replace_substring(cells, ",", ".")
     for trimmed in (False, True):
-        text = compute.utf8_trim_whitespace(cells) if trimmed else cells
-        missing = compute.is_in(text, pyarrow.array(MISSING))
-        text = compute.if_else(missing, pyarrow.scalar(None, text.type), text)
+        text = known(compute.utf8_trim_whitespace(cells) if trimmed else cells)
         with suppress(pyarrow.ArrowInvalid):
             return _array(text.cast(pyarrow.float64())), _NOWHERE
+    with suppress(pyarrow.ArrowInvalid):  # True and False, which are 1 and 0
+        return numbers(text.cast(pyarrow.bool_()))
     values = pd.to_numeric(text.to_pandas().astype(object), errors="coerce").to_numpy(float)
     return values, np.flatnonzero(_array(text.is_valid()) & np.isnan(values))
+
+
+def known(text: pyarrow.Array) -> pyarrow.Array:
+    """The text, null where it is a spelling of a missing number."""
+    missing = pyarrow.compute.is_in(text, pyarrow.array(MISSING))
+    return pyarrow.compute.if_else(missing, pyarrow.scalar(None, text.type), text)
 
 
 def is_text(kind: pyarrow.DataType) -> bool:
@@ -104,6 +113,9 @@ A_DATE = "a date"
 #: What follows the form of a date where it goes on with a time.
 AND_TIME = " and time"
 
+#: What stands before it where each stamp says its zone.
+WITH_ZONE = " with zone"
+
 #: Dates of which the first number may be the day or the month, and the two ways to read them.
 EITHER = "day/month/year or month/day/year"
 ORDERS = ("day/month/year", "month/day/year")
@@ -111,7 +123,7 @@ ORDERS = ("day/month/year", "month/day/year")
 #: Form of a date to the pattern of it; what is written with slashes has one of three forms.
 _SLASHES = "slashes"
 _DATES = {
-    A_DATE: r"\d{4}-\d{2}-\d{2}",
+    A_DATE: r"\d{4}[-/]\d{2}[-/]\d{2}",
     "day.month.year": r"\d{1,2}\.\d{1,2}\.\d{2,4}",
     _SLASHES: r"\d{1,2}/\d{1,2}/\d{4}",
 }
@@ -119,7 +131,12 @@ _FORMS = {
     TIME_OF_DAY: re.compile(_CLOCK),
     **{form: re.compile(date) for form, date in _DATES.items()},
     **{
-        form + AND_TIME: re.compile(rf"{date}[T ,]\s*{_CLOCK}({_ZONE})?")
+        form + WITH_ZONE + AND_TIME: re.compile(rf"{date}[T ,]\s*{_CLOCK}{_ZONE}")
+        for form, date in _DATES.items()
+    },
+    **{
+        # Spreadsheets write midnight as the date alone.
+        form + AND_TIME: re.compile(rf"{date}([T ,]\s*{_CLOCK}({_ZONE})?)?")
         for form, date in _DATES.items()
     },
 }
@@ -128,8 +145,10 @@ _FORMS = {
 _STEPS = (
     (r"^(\d)([./])", r"0\1\2"),
     (r"^(\d\d[./])(\d)([./])", r"\10\2\3"),
-    (r"^(\d\d)\.(\d\d)\.(\d\d)([T ,])", r"\1.\2.20\3\4"),
-    (r"^(\d\d)[./](\d\d)[./](\d{4})[T ,]\s*", r"\3-\2-\1 "),
+    (r"^(\d\d)\.(\d\d)\.(\d\d)([T ,]|$)", r"\1.\2.20\3\4"),
+    (r"^(\d\d)[./](\d\d)[./](\d{4})", r"\3-\2-\1"),
+    (r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3"),
+    (r"^(\S{10})(,\s*|[T ]\s+)", r"\1 "),
     (r"^(\d):", r"0\1:"),
     (r" (\d):", r" 0\1:"),
     (r"(:\d\d:\d\d)[,:](\d+)", r"\1.\2"),
@@ -144,7 +163,7 @@ def form_of(cells: Sequence[str]) -> str:
 
     Of dates such as 03/04/2026 the form is that of EITHER as long as both numbers are at most 12.
     """
-    written = [cell.strip() for cell in cells if cell.strip()]
+    written = [cell.strip() for cell in cells if cell.strip() not in MISSING]
     for form, pattern in _FORMS.items():
         if written and all(pattern.fullmatch(cell) for cell in written):
             return form.replace(_SLASHES, _order(written)) if _order(written) else ""
@@ -169,11 +188,12 @@ def stamps(cells: pyarrow.Array, form: str = "") -> tuple[pyarrow.Int64Array, np
     if pyarrow.types.is_timestamp(kind):
         ticks = cells.cast(pyarrow.timestamp("ns", kind.tz), safe=False)
         return ticks.cast(pyarrow.int64()), _NOWHERE
+    if pyarrow.types.is_duration(kind):
+        return cells.cast(pyarrow.duration("ns"), safe=False).cast(pyarrow.int64()), _NOWHERE
     if pyarrow.types.is_time(kind):
         return cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NOWHERE
     compute = pyarrow.compute
-    text = compute.utf8_trim_whitespace(cells)
-    text = compute.if_else(compute.equal(text, ""), pyarrow.scalar(None, text.type), text)
+    text = known(compute.utf8_trim_whitespace(cells))
     if form.startswith(ORDERS[1]):
         text = compute.replace_substring_regex(text, *_MONTH_FIRST)
     shown = text.drop_null()[:1].to_pylist()

@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data import vectors
+from adhesion_jax.data.stretches import longest_step
 from adhesion_jax.data.vectors import Vector
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
@@ -27,6 +28,9 @@ SPREADSHEETS = (".xlsx", ".xlsm", ".xls", ".ods")
 
 #: How many names of what is not read are told.
 _TOLD = 5
+
+#: A clock is even if nine steps in ten are at most this multiple of the median step. By hand.
+_EVEN = 2.0
 
 #: A library that reads longer than this, with the size of the file, will never end.
 _LEAST_S, _BYTES_A_SECOND = 60.0, 1e6
@@ -93,8 +97,8 @@ def zipped(path: Path, endings: tuple[str, ...]) -> BufferedIOBase:
     raise InputError(f"{path} must hold one table of text, and has {there}; unpack it.")
 
 
-def _vectors(path: Path) -> list[Vector]:
-    """What the program `vectors` finds in a file."""
+def _vectors(path: Path) -> tuple[list[Vector], list[str]]:
+    """What the program `vectors` finds in a file, and the names of what it does not read."""
     with TemporaryDirectory() as folder, _whole(path, f"{path.suffix} file"):
         out = Path(folder) / "vectors.npz"
         # -P: it shall not find the modules beside it in the place of those of libraries.
@@ -111,10 +115,11 @@ def _vectors(path: Path) -> list[Vector]:
         if done.returncode:
             raise ValueError(told or "the library that reads it breaks down")
         with np.load(out) as arrays:
+            names, unread = json.loads(str(arrays["told"]))
             return [
                 Vector(name, unit, arrays[f"values {i}"], arrays[f"time {i}"])
-                for i, (name, unit) in enumerate(json.loads(str(arrays["told"])))
-            ]
+                for i, (name, unit) in enumerate(names)
+            ], unread
 
 
 def _of_one_length(path: Path, found: Sequence[Vector]) -> Framed:
@@ -145,12 +150,24 @@ def _named(found: Sequence[Vector]) -> dict[str, Vector]:
 
 
 def _framed(path: Path) -> Framed:
-    """The vectors of a file as columns, on the times of those that have most samples.
+    """The vectors of a file as columns; what is not read is told."""
+    found, unread = _vectors(path)
+    frame, said = _together(path, found)
+    if unread:
+        said += (
+            "; what is no vector of real numbers, text or dates is not read: "
+            f"{listed(unread[:_TOLD])}{' ...' if unread[_TOLD:] else ''}"
+        )
+    return frame, said
+
+
+def _together(path: Path, found: Sequence[Vector]) -> Framed:
+    """Vectors as columns, on the times of those that have most samples.
 
     Numbers of a slower one are put there by straight lines; whole numbers, which may be states, and
-    text have the value before. Before its first and after its last sample a signal has no value.
+    text have the value before. Before its first and after its last sample a signal has no value,
+    nor in a gap; but a state that is only sent when it changes holds until then.
     """
-    found = _vectors(path)
     timed = [one for one in found if one.time.size == one.values.size]
     if len(timed) < len(found) or not found:
         return _of_one_length(path, found)
@@ -170,13 +187,17 @@ def _at(clock: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The values of a signal at the times of another."""
     if np.array_equal(own, clock):
         return values
-    if values.dtype.kind == "f":
-        return np.asarray(np.interp(clock, own, values, np.nan, np.nan))
+    steps = np.diff(own, append=own[-1])
+    gaps = steps > longest_step(own, np.zeros(own.size))
+    is_straight, is_text = values.dtype.kind == "f", values.dtype.kind not in "fbiu"
+    if not is_straight and np.quantile(steps, 0.9) > _EVEN * np.median(steps):
+        gaps[:] = False
     place = np.searchsorted(own, clock, side="right") - 1
-    there = (place >= 0) & (clock <= own[-1])
-    is_number = values.dtype.kind in "biu"
-    held = values.astype(float if is_number else object)[np.maximum(place, 0)]
-    return np.where(there, held, np.nan if is_number else "")
+    there = (place >= 0) & (clock <= own[-1]) & ~(gaps[place] & (clock > own[place]))
+    if is_straight:
+        return np.where(there, np.interp(clock, own, values), np.nan)
+    held = values.astype(object if is_text else float)[np.maximum(place, 0)]
+    return np.where(there, held, "" if is_text else np.nan)
 
 
 def _feather(path: Path) -> Framed:

@@ -227,6 +227,8 @@ def derive(rows: Rows, known: Corrections) -> None:
         add("slip_ratio", np.tan(angle), "tangent of slip_angle_deg")
     speed = columns.get("vehicle_speed_mps")
     without_slip = not {"slip_ratio", "slip_velocity_mps"} & {*columns}
+    if without_slip:
+        _check_signs(columns)
     if without_slip and "wheel_speed_mps" not in columns:
         radius = known.wheel_radius or _found_radius(rows)
         rotation = columns["wheel_rotation_radps"]
@@ -243,9 +245,17 @@ def derive(rows: Rows, known: Corrections) -> None:
     if speed is not None:
         limit = slowest(speed, columns.get("time_s"))
         moves = speed >= limit
-        slow = f"slower than {limit:.2g} m/s, where the slip is mostly noise"
-        unused = f"the train is {slow}, in every row (check the unit and the sign of its speed)"
-        rows.tell(~moves, f"the train is {slow}")
+        slow = f"the train is slower than {limit:.2g} m/s, where the slip is mostly noise"
+        backwards = speed <= -limit
+        unused = f"{slow}, in every row (check the unit and the sign of its speed)"
+        if speed.min() <= -_SLOWEST:
+            unused = (
+                "the train stands or runs backwards in every row, as its speed is negative (turn "
+                'its sign by --column "vehicle_speed=-COLUMN", and that of the wheel where it is '
+                "negative too)"
+            )
+        rows.tell(backwards, "the train runs backwards, as its speed is negative")
+        rows.tell(~moves & ~backwards, slow)
         used &= moves
     if "slip_ratio" not in columns and speed is not None:
         ratio = columns["slip_velocity_mps"] / np.where(moves, speed, 1.0)
@@ -302,6 +312,18 @@ def _of_wheel(columns: Columns, name: str) -> np.ndarray:
     """A force or load of a body, over the number of its wheels."""
     wheels = next(number for *of_body, number in _BODIES if name in of_body)
     return columns[name] / (wheels or 2 * columns[_AXLES])
+
+
+def _check_signs(columns: Columns) -> None:
+    """InputError where the wheel turns the other way than the train runs."""
+    train = columns["vehicle_speed_mps"]
+    name = "wheel_speed_mps" if "wheel_speed_mps" in columns else "wheel_rotation_radps"
+    fast = train >= slowest(train, None)
+    if fast.any() and np.median(columns[name][fast]) < 0:
+        raise InputError(
+            "the wheel turns the other way than the train runs in most rows (turn the sign of the "
+            f'wheel by --column "{COLUMNS[name].plain}=-COLUMN", or that of the train)'
+        )
 
 
 def _check_speeds(wheel: np.ndarray, train: np.ndarray) -> None:

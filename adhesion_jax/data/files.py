@@ -20,7 +20,18 @@ import pyarrow.compute
 import pyarrow.csv
 import pyarrow.parquet
 
-from adhesion_jax.data.cells import A_DATE, AND_TIME, MISSING, TIME_OF_DAY, form_of, is_text
+from adhesion_jax.data.cells import (
+    A_DATE,
+    AND_TIME,
+    EITHER,
+    MISSING_LABEL,
+    ORDERS,
+    TIME_OF_DAY,
+    WITH_ZONE,
+    form_of,
+    is_text,
+    known,
+)
 from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
 from adhesion_jax.data.dialect import Dialect, dialect_of, encoding_of, ragged, tidy
 from adhesion_jax.errors import InputError
@@ -85,6 +96,8 @@ def sheet_of(path: Path) -> Sheet:
         return sheet_of_file(path)
     found = glob.glob(f"{glob.escape(str(path))}/*" if is_folder else str(path))
     paths = [Path(one) for one in found if one.lower().endswith(ENDINGS) and os.path.isfile(one)]
+    # So begins the name of what Excel puts beside a workbook that is open.
+    paths = [one for one in paths if not one.name.startswith("~$")]
     if not paths:
         raise InputError(f"{path} has no file that can be read; {WANTED}.")
     paths.sort(key=_in_order)
@@ -100,6 +113,18 @@ def _in_order(path: Path) -> list[tuple[int, str]]:
 
 
 def _one_below_the_other(path: Path, paths: Sequence[Path], sheets: Sequence[Sheet]) -> Sheet:
+    # An order of day and month that one file shows is that of the others that leave it open.
+    decided = {
+        (name, form.replace(order, EITHER)): form
+        for one in sheets
+        for name, form in one.stamps.items()
+        for order in ORDERS
+        if form.startswith(order) and not form.startswith(EITHER)
+    }
+    sheets = [
+        one._replace(stamps={key[0]: decided.get(key, key[1]) for key in one.stamps.items()})
+        for one in sheets
+    ]
     first = sheets[0]
     for other in sheets[1:]:
         apart = sorted({*first.columns} ^ {*other.columns})
@@ -166,9 +191,17 @@ def sheet_of_file(path: Path) -> Sheet:
 
 
 def sheet_of_frame(frame: pd.DataFrame, name: str) -> Sheet:
-    """A data frame as if read from a file; rows count from 0, as by `frame.iloc`."""
-    places = _named(name, [str(column) for column in frame.columns])
-    cells = {column: _arrow(frame.iloc[:, place]) for column, place in places.items()}
+    """A data frame as if read from a file; rows count from 0, as by `frame.iloc`.
+
+    An index that has a name, or holds times, is a column.
+    """
+    index = frame.index
+    of_times = isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex)
+    if of_times or {*index.names} - {None, *frame.columns}:
+        frame = frame.reset_index(allow_duplicates=True)
+    written = [_arrow(frame.iloc[:, place]) for place in range(frame.shape[1])]
+    places = _named(name, [str(column) for column in frame.columns], written)
+    cells = {column: written[place] for column, place in places.items()}
     return Sheet(name, tuple(cells), {}, _stamps(cells), 0, None, "", lambda: iter([(cells, 1.0)]))
 
 
@@ -186,11 +219,11 @@ def _parquet(path: Path) -> Sheet:
         # Read as a stream: by default the whole file is in memory until its last row is read.
         file = pyarrow.parquet.ParquetFile(path, buffer_size=_STREAM_BYTES, pre_buffer=False)
         schema = file.schema_arrow
-        places = _named(str(path), schema.names)
-        written = {name: schema.names[place] for name, place in places.items()}
-        first = next(file.iter_batches(_SHOWN, columns=[*written.values()]), None)
+        first = next(file.iter_batches(_SHOWN), None)
         first = first or pyarrow.RecordBatch.from_pylist([], schema)
         first.validate(full=True)
+        places = _named(str(path), schema.names, first.columns)
+        written = {name: schema.names[place] for name, place in places.items()}
         stamps = _stamps({name: first.column(column) for name, column in written.items()})
 
     def decoded(cells: pyarrow.Array) -> pyarrow.Array:
@@ -221,13 +254,14 @@ def _text(path: Path, opened: _Opened) -> Sheet:
         encoding = encoding_of(stream, str(path))
     with opened() as (stream, _):
         dialect = dialect_of(stream, encoding, str(path))
-    places = _named(str(path), dialect.names)
     rows = dialect.rows[:_SHOWN]
+    shown = [pyarrow.array([row[at] for row in rows]) for at in range(len(dialect.names))]
+    places = _named(str(path), dialect.names, shown)
     return Sheet(
         str(path),
         tuple(places),
         {name: dialect.units[place] for name, place in places.items()} if dialect.units else {},
-        _stamps({name: pyarrow.array([row[at] for row in rows]) for name, at in places.items()}),
+        _stamps({name: shown[place] for name, place in places.items()}),
         dialect.above + 1,
         dialect.mark,
         dialect.sentence,
@@ -268,7 +302,7 @@ def _text_blocks(
                 pyarrow.csv.ConvertOptions(
                     column_types=dict.fromkeys(keys, pyarrow.string()),
                     include_columns=[keys[place] for place in places.values()],
-                    null_values=list(MISSING),
+                    null_values=list(MISSING_LABEL),
                     strings_can_be_null=True,
                 ),
             )
@@ -309,9 +343,13 @@ def _opened(path: Path) -> Iterator[tuple[BufferedIOBase, BufferedIOBase]]:
             raise InputError(f"{path} is not a whole {broken} anew.") from None
 
 
-def _named(path: str, written: Sequence[str]) -> dict[str, int]:
-    """The names that are more than those of a saved index, and their places."""
-    names = [tidy(name) for name in written]
+def _named(path: str, written: Sequence[str], columns: Sequence[pyarrow.Array]) -> dict[str, int]:
+    """The names that are more than those of a saved index without times, and their places."""
+    stamps = _stamps({str(place): cells for place, cells in enumerate(columns)})
+    names = [
+        "index" if str(place) in stamps and _SAVED_INDEX.fullmatch(name) else name
+        for place, name in enumerate(map(tidy, written))
+    ]
     twice = next((name for name in names if name and names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{path} has the column {twice} twice; give every column its own name.")
@@ -324,8 +362,8 @@ def _stamps(columns: Block) -> dict[str, str]:
     for name, cells in columns.items():
         kind = cells.type
         if pyarrow.types.is_timestamp(kind):
-            found[name] = "a date and time"
-        elif pyarrow.types.is_time(kind):
+            found[name] = A_DATE + (WITH_ZONE if kind.tz else "") + AND_TIME
+        elif pyarrow.types.is_time(kind) or pyarrow.types.is_duration(kind):
             found[name] = TIME_OF_DAY
         elif pyarrow.types.is_date(kind):
             found[name] = A_DATE
@@ -357,7 +395,7 @@ def with_dates_joined(sheet: Sheet) -> Sheet:
         for block, share in sheet.blocks():
             cells = dict(block)
             parts = (cells.pop(name).cast(pyarrow.string()) for name in (date, clock))
-            trimmed = map(pyarrow.compute.utf8_trim_whitespace, parts)
+            trimmed = map(known, map(pyarrow.compute.utf8_trim_whitespace, parts))
             cells[both] = pyarrow.compute.binary_join_element_wise(*trimmed, " ")
             yield cells, share
 

@@ -10,6 +10,7 @@ import pyarrow.compute
 from adhesion_jax.data.cells import (
     OF_TWO_MEANINGS,
     TIME_OF_DAY,
+    WITH_ZONE,
     decimal_mark,
     is_text,
     numbers,
@@ -61,13 +62,21 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
     texts: dict[str, tuple[int, str]] = {}
     origin: int | None = None
     mark, first_row = sheet.mark, sheet.first_row
+    own: dict[str, str | None] = {}  # the mark by column, which may not be that of the file
     for block, share in sheet.blocks():
+        own = own or {one.name: _shown(block[one.column]) for one in taken if one.name in columns}
         if mark is None:
             mark = _mark(sheet, taken, block, first_row)
         for one in taken:
             cells = block[one.column]
             if one.name in labels:
-                labels[one.name].append(_text(cells).dictionary_encode())
+                of_rows = _labels(cells)
+                if of_rows is None:
+                    raise InputError(
+                        f"{sheet.name} cannot be used: the column {one.column} holds no numbers "
+                        "and no text, which labels are (write a text or a number in each cell)."
+                    )
+                labels[one.name].append(of_rows)
                 continue
             if one.stamp:
                 ticks, text = stamps(cells, one.stamp)
@@ -75,14 +84,16 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
                     origin = 0 if one.stamp == TIME_OF_DAY else pyarrow.compute.min(ticks).as_py()
                 values = seconds(ticks, origin or 0)
             else:
-                values, text = numbers(cells, mark or ".")
+                values, text = numbers(cells, own.get(one.name) or mark or ".")
                 with np.errstate(over="ignore"):  # it is infinite then, and not used
                     values = one.conversion.of(values)
             of_labels = text.size > MOST * (text.size + np.isfinite(values).sum())
             if of_labels and one.quantity not in COLUMNS and first_row == sheet.first_row:
-                del columns[one.name]
-                labels[one.name] = [_text(cells).dictionary_encode()]
-                continue
+                of_rows = _labels(cells)
+                if of_rows is not None:
+                    del columns[one.name]
+                    labels[one.name] = [of_rows]
+                    continue
             if text.size:
                 place = int(text[0])
                 first = _text_fault(first_row + place, one.column, cells[place].as_py())
@@ -94,6 +105,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
+    zone = " UTC" if any(WITH_ZONE in one.stamp for one in taken) else ""
     found, named = {name: column.values for name, column in columns.items()}, {}
     for name, blocks in labels.items():
         kind = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
@@ -116,7 +128,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
         pd.RangeIndex(sheet.first_row, first_row),
         texts,
         left_out,
-        str(pd.Timestamp(origin)) if dated and origin is not None else "",
+        f"{pd.Timestamp(origin)}{zone}" if dated and origin is not None else "",
     )
 
 
@@ -138,8 +150,7 @@ def _mark(sheet: Sheet, taken: Sequence[Taken], block: Block, first_row: int) ->
         if one.name in LABELS or one.stamp or not is_text(cells.type):
             continue
         either = compute.index(compute.match_substring_regex(cells, OF_TWO_MEANINGS), True).as_py()
-        marked = cells.filter(compute.match_substring_regex(cells, "[.,]"))
-        found = found or decimal_mark(marked.slice(0, _SHOWN).to_pylist())
+        found = found or _shown(cells)
         if found is None and either >= 0:
             written = cells[either].as_py()
             raise InputError(
@@ -150,17 +161,29 @@ def _mark(sheet: Sheet, taken: Sequence[Taken], block: Block, first_row: int) ->
     return found
 
 
-def _text(cells: pyarrow.Array) -> pyarrow.Array:
-    """Labels as text, empty where there is none."""
+def _shown(cells: pyarrow.Array) -> str | None:
+    """The decimal mark that the cells of a column show."""
+    if not is_text(cells.type):
+        return None
+    marked = cells.filter(pyarrow.compute.match_substring_regex(cells, "[.,]"))
+    return decimal_mark(marked.slice(0, _SHOWN).to_pylist())
+
+
+def _labels(cells: pyarrow.Array) -> pyarrow.Array | None:
+    """Labels as text, empty where there is none; None where cells are lists, bytes and the like."""
     compute = pyarrow.compute
     if pyarrow.types.is_floating(cells.type):
         # Whole numbers may be written as 1.0 in one file and as 1 in another.
         cells = compute.if_else(compute.is_nan(cells), pyarrow.scalar(None, cells.type), cells)
         known = cells.drop_null()
-        if compute.all(compute.equal(compute.floor(known), known)).as_py():
+        whole = compute.equal(compute.floor(known), known)
+        if compute.all(compute.and_(whole, compute.less(compute.abs(known), 2.0**53))).as_py():
             cells = cells.cast(pyarrow.int64())
-    text = cells.cast(pyarrow.string())
-    return compute.utf8_trim_whitespace(compute.fill_null(text, ""))
+    try:
+        text = cells.cast(pyarrow.string())
+    except (pyarrow.ArrowNotImplementedError, pyarrow.ArrowInvalid):
+        return None
+    return compute.utf8_trim_whitespace(compute.fill_null(text, "")).dictionary_encode()
 
 
 def _unfit(one: Taken, values: np.ndarray) -> str:

@@ -22,7 +22,7 @@ from adhesion_jax.data.plausible import (
     speed_warnings,
     unusual,
 )
-from adhesion_jax.data.rows import Rows
+from adhesion_jax.data.rows import MOST, Rows
 from adhesion_jax.data.stretches import FEW
 from adhesion_jax.data.understanding import Taken, Understanding, understand
 from adhesion_jax.errors import InputError
@@ -264,7 +264,10 @@ def _format_notes(sheet: Sheet, found: Understanding, rows: Rows) -> list[str]:
         for name in found.left_out
     ]
     notes += [
-        f"The column {name} keeps its name: it is not known {one.question}."
+        f"The column {name} is not used as a time: its cells have no form of dates or times that "
+        "is read (write them as 2026-11-24 08:00:00.010)."
+        if one.quantities == ("time_s",) and name not in rows.numbers
+        else f"The column {name} keeps its name: it is not known {one.question}."
         for name, one in found.questions.items()
         if name not in found.left_out
     ]
@@ -303,15 +306,24 @@ def _adhesion_fault(slip: pd.Series, adhesion: pd.Series) -> str:
     """A clause on why the adhesion cannot belong to the slip, both [points]; empty if it can."""
     if (adhesion == 0).all():
         return "column adhesion is 0 in every row (no curve can be fitted to that)"
-    if slip.min() == slip.max() or (slip * adhesion).sum() > 0:
+    product, size = slip * adhesion, adhesion.abs()
+    # Where either is small, noise and an offset of the slip may turn a sign.
+    clear = (slip.abs() > _ROLLING * slip.abs().max()) & (size > _ROLLING * size.max())
+    sides = {"positive": clear & (slip > 0), "negative": clear & (slip < 0)}
+    apart = [
+        f" where that is {sign}"
+        for sign, side in sides.items()
+        if side.sum() >= max(MOST * clear.sum(), POINTS) and product[side].sum() <= 0
+    ]
+    agree = product.sum() > 0
+    if slip.min() == slip.max() or (agree and not apart):
         return ""
     fault = (
-        f"column adhesion is mostly of the other sign than {slip.name} "
+        f"column adhesion is mostly of the other sign than {slip.name}{apart[0] if agree else ''} "
         "(both are positive in traction and negative in braking)"
     )
-    size = adhesion.abs()
     rolling = slip[size <= _ROLLING * size.max()].median()  # NaN without such rows
-    if slip.name != "slip_ratio" or not ((slip - rolling) * adhesion).sum() > 0:
+    if agree or slip.name != "slip_ratio" or not ((slip - rolling) * adhesion).sum() > 0:
         return fault
     return (
         f"{fault}; where there is little adhesion the slip is usually {rolling:.3g}, as where the "

@@ -103,26 +103,32 @@ READERS = {".mat": _matlab, ".h5": _hdf, ".hdf5": _hdf, ".mf4": _mdf, ".mdf": _m
 
 
 def _native(values: np.ndarray) -> np.ndarray:
-    """A vector in one dimension, of types that every machine has, and text as text."""
+    """A vector in one dimension, of types that every machine has; text and stamps as text."""
     values = values.ravel()
     if values.dtype.kind == "S":
         return np.char.decode(values, "utf-8", "replace")
-    if values.dtype.kind == "O":
+    if values.dtype.kind in "OM":
         return values.astype(str)
     return values.astype(float if values.dtype.kind == "f" else values.dtype.newbyteorder("="))
 
 
 def main(log: Path, out: Path) -> None:
-    """Writes names and units as JSON, and values and times by their number."""
+    """Writes names and units as JSON, and values and times by their number.
+
+    With the names of what has several values and is no vector of numbers, text or stamps.
+    """
     told: list[tuple[str, str]] = []
+    unread: list[str] = []
     arrays: dict[str, np.ndarray] = {}
     for name, unit, values, time in READERS[log.suffix.lower()](log):
         is_vector = values.size > 1 and values.size == max(values.shape)
-        if is_vector and values.dtype.kind in "biufOSU":
+        if is_vector and values.dtype.kind in "biufOSUM":
             arrays[f"values {len(told)}"] = _native(values)
             arrays[f"time {len(told)}"] = time
             told.append((name, unit))
-    arrays["told"] = np.array(json.dumps(told))
+        elif values.size > 1:
+            unread.append(name)
+    arrays["told"] = np.array(json.dumps([told, unread]))
     np.savez(out, **arrays)  # type: ignore[arg-type]
 
 

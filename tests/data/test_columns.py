@@ -173,6 +173,7 @@ def test_what_could_be_either_shows_no_mark(cells):
         "24/11/2026 08:00:00.01",
         "2026-11-24T09:00:00.010+01:00",
         "2026-11-24 08:00:00.010Z",
+        "2026/11/24 08:00:00.010",
     ],
 )
 def test_a_stamp_is_the_same_however_it_is_written(written):
@@ -200,10 +201,51 @@ def test_what_is_no_stamp_is_told_by_its_place():
         (["3.4.2026", ""], "day.month.year"),
         (["2026-04-03"], "a date"),
         (["8:00:00"], "a time of day"),
+        (["-", "8:00:00", "NaN"], "a time of day"),
+        (["3.4.2026 8:00Z", "3.4.2026 8:00+02:00"], "day.month.year with zone and time"),
+        (["24.11.2026 23:59:59", "25.11.2026"], "day.month.year and time"),
     ],
 )
 def test_stamps_have_a_form(written, form):
     assert form_of(written) == form
+
+
+@pytest.mark.parametrize("day", ["2026-11-25", "25.11.2026", "25.11.26", "2026/11/25"])
+def test_midnight_may_be_written_as_the_date_alone(day):
+    """As spreadsheets show it; a stamp that is missing is none of the form."""
+    written = [f"{day.replace('25', '24')} 23:59:59", "-", day, f"{day} 00:00:01"]
+    ticks, strange = stamps(pyarrow.array(written), form_of(written))
+    assert strange.size == 0
+    since = pd.Timestamp("2026-11-25").value
+    np.testing.assert_array_equal(seconds(ticks, since), [-1, np.nan, 0, 1])
+
+
+def test_times_of_no_form_that_is_read_are_told(tmp_path):
+    table = good().assign(Time=[f"11/24/2026 8:00:{row:02d} AM" for row in range(40)])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    notes = " ".join(read_measured(tmp_path / "a.csv").notes)
+    assert "column Time is not used as a time: its cells have no form of dates or times" in notes
+    assert "unit" not in notes
+
+
+def test_the_origin_of_stamps_with_a_zone_is_in_utc(tmp_path):
+    stamps = [f"2026-11-24 08:00:{row:02d}+01:00" for row in range(40)]
+    table = good().assign(Time=stamps, sanding=[row % 2 == 1 for row in range(40)])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    frame = table.assign(Time=pd.to_datetime(table["Time"]))
+    for found in (read_measured(tmp_path / "a.csv"), to_measured("log", frame)):
+        assert "The time counts from 2026-11-24 07:00:00 UTC." in found.notes
+        # As a data frame has them, and as it writes them.
+        np.testing.assert_array_equal(found.table["sanding"], np.arange(40) % 2)
+
+
+def test_a_label_none_is_a_label_and_a_number_none_is_missing(tmp_path):
+    """Empty cells and what spreadsheets write for an error are no labels."""
+    names = ["none", "NA", "-", "oil", "", "NaN", "#N/A", "#NV"]
+    table = good().assign(rail=np.resize(names, 40), v=["none", *map(str, range(39))])
+    table.to_csv(tmp_path / "a.csv", index=False)
+    found = read_measured(tmp_path / "a.csv", {"group": "rail"}).table
+    assert [*found["group"]] == (5 * names[:4])[1:]  # the first row has no number
 
 
 def stamped(first, day):

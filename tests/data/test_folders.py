@@ -125,6 +125,32 @@ def test_columns_that_do_not_agree_are_refused_in_a_sentence(tmp_path):
         read_measured(marks)
 
 
+def test_an_order_of_day_and_month_that_one_file_shows_is_that_of_all(tmp_path):
+    """Three days, of which the last alone is no month."""
+
+    def dated(days):
+        def change(part, place):
+            seconds = pd.to_timedelta(TIME[: len(part)], unit="s").total_seconds()
+            stamps = [f"{days[place]} 08:00:{at:06.3f}" for at in seconds]
+            return part.drop(columns="t [s]").assign(Zeit=stamps)
+
+        return change
+
+    days = "11/04/2026", "12/04/2026", "13/04/2026"
+    found = read_measured(parts(tmp_path / "logs", change=dated(days)))
+    each = TIME[: ROWS // 3]
+    np.testing.assert_allclose(found.table["time_s"], [*each, *(86400 + each), *(172800 + each)])
+    apart = parts(tmp_path / "apart", change=dated(("04/13/2026", *days[1:])))
+    with pytest.raises(InputError, match="they write dates in different forms"):
+        read_measured(apart)
+
+
+def test_what_excel_puts_beside_an_open_workbook_is_no_log(tmp_path):
+    folder = parts(tmp_path / "logs")
+    (folder / "~$run 4.xlsx").write_bytes(b"x" * 165)
+    assert len(read_measured(folder).table) == ROWS
+
+
 def test_a_folder_or_a_pattern_without_a_file_is_refused(tmp_path):
     (tmp_path / "notes.md").write_text("x")
     for path in (tmp_path, tmp_path / "*.csv"):

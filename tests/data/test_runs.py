@@ -241,6 +241,19 @@ def test_braking_is_ordinary_and_one_slip_value_is_allowed(tmp_path):
     assert "column adhesion is 0 in every row" in refused(written(tmp_path, nothing))
 
 
+def test_adhesion_without_a_sign_is_refused_where_a_third_of_the_rows_brake(tmp_path):
+    """But not noise of the slip about 0, where the wheel coasts for most of the time."""
+    slip = np.linspace(0.001, 0.05, 90) * np.where(np.arange(90) % 3, 1, -1)
+    table = pd.DataFrame({"slip_ratio": slip, "adhesion": 0.3 * np.abs(np.tanh(slip / 0.01))})
+    said = refused(written(tmp_path, table))
+    assert "other sign than slip_ratio where that is negative (both are positive in trac" in said
+    slip = np.concatenate([np.linspace(0, 0.05, 30), 0.003 * np.sin(np.arange(60))])
+    table = pd.DataFrame(
+        {"slip_ratio": slip, "adhesion": 0.01 + 0.3 * np.tanh(slip.clip(0) / 0.01)}
+    )
+    to_runs(read_all([written(tmp_path, table)]))
+
+
 def test_a_radius_that_turns_the_sign_of_the_slip_is_told(tmp_path):
     """A car that brakes and drives a little with wheels that are 2 % smaller than said."""
     time = np.arange(400)

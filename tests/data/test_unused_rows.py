@@ -6,6 +6,7 @@ import pytest
 
 from adhesion_jax.data import check_curve, read_all, to_measured, to_runs
 from adhesion_jax.data.derived import slowest
+from adhesion_jax.data.forces import Corrections
 from adhesion_jax.data.stretches import going_on
 from adhesion_jax.errors import InputError
 
@@ -54,7 +55,7 @@ CASES = {
     "a train that reverses": (
         after(log(), vehicle_speed_mps=-4.0, wheel_speed_mps=-4.0),
         range(400, 430),
-        "30 rows of 430 (6.98 %), in which the train is slower than 0.5 m/s",
+        "30 rows of 430 (6.98 %), in which the train runs backwards, as its speed is negative",
     ),
     "a spin at starting": (
         after(log(), vehicle_speed_mps=0.6, wheel_speed_mps=np.linspace(1.6, 2.4, 30)),
@@ -248,3 +249,24 @@ def test_slip_and_adhesion_that_are_exchanged_are_noticed():
     assert not to_measured("log", right).notes
     wrong = right.set_axis(["adhesion", "slip_ratio"], axis=1)
     assert any("look exchanged" in one for one in to_measured("log", wrong).notes)
+
+
+@pytest.mark.parametrize("wheel", ["wheel_speed", "wheel_rotation"])
+def test_speeds_of_the_wrong_sign_are_refused_with_the_sign_to_turn(wheel):
+    table = log()
+    if wheel == "wheel_rotation":
+        table = table.assign(wheel_rotation_radps=table.pop("wheel_speed_mps") / 0.5)
+    unit = {"wheel_speed": "mps", "wheel_rotation": "radps"}[wheel]
+    known = Corrections(wheel_radius=0.5)
+    right = to_measured("log", table, known=known).table["slip_ratio"]
+    turned = table.assign(**{f"{wheel}_{unit}": -table[f"{wheel}_{unit}"]})
+    with pytest.raises(InputError, match=f"other way than the train runs.*{wheel}=-COLUMN"):
+        to_measured("log", turned, known=known)
+    said = {wheel: f"-{wheel}_{unit}"}
+    pd.testing.assert_series_equal(
+        to_measured("log", turned, said, known).table["slip_ratio"], right
+    )
+    for one in (table, turned):
+        one["vehicle_speed_mps"] *= -1
+        with pytest.raises(InputError, match=r'negative \(turn its sign .*"vehicle_speed=-COLUMN"'):
+            to_measured("log", one, known=known)
