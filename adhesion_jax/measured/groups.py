@@ -165,8 +165,8 @@ def each_by_itself(
 ) -> Mapping[str, Group]:
     """What each of a few groups says, whose curves are fitted to its rows alone, and judged so.
 
-    They begin at the curves of all rows. A run that spans a change is cut there. `step_s` is the
-    usual time between rows.
+    They begin at the curves of all rows. A run that spans a change is cut there, but not where rows
+    of groups stand in turn. `step_s` is the usual time between rows.
     """
     names = list(dict.fromkeys(labels))
     if len(names) > _MOST_FITTED:
@@ -174,13 +174,15 @@ def each_by_itself(
     starts = {name: share_of(fit.curve) for name, fit in fits.items()}
     starts.setdefault("kiencke", share_of(CURVES["kiencke"]))
     curves = {name: fit.law.curve for name, fit in fits.items()}
-    codes = labels.to_numpy()
+    order = np.argsort(run, kind="stable")
+    codes = labels.to_numpy()[order]
     groups = {}
     for name in names:
-        own = np.flatnonzero(codes == name)
-        if own.size < _FEWEST_ROWS:
+        place = np.flatnonzero(codes == name)
+        if place.size < _FEWEST_ROWS:
             continue
-        apart = np.append(True, (np.diff(run[own]) != 0) | (np.diff(own) > 1))
+        own, gap = order[place], np.diff(place)
+        apart = np.append(True, (np.diff(run[own]) != 0) | (gap > 2 * np.median(gap)))
         part = jax.tree.map(operator.itemgetter(own), record)
         pieces = np.cumsum(apart) - 1
         found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=starts)
