@@ -259,6 +259,8 @@ def identify(
             f"{points.name} lacks the column {listed(lacks)}, which the curve {name} needs; "
             "add it or name another curve."
         )
+    # A column of more labels than a search takes is compared by all the same.
+    points = points._replace(left_out=tuple(name for name in points.left_out if name != by))
     grouping, by = group(points), asked_of(points, by)
     labels = labels_of(points, by, grouping.run) if by not in (None, AUTO) else None
     velocity = points.slip == "slip_velocity_mps"

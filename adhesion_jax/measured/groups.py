@@ -100,7 +100,9 @@ def split(
     groups = each_by_itself(labels, found.curves, record, run, velocity, slip_noise, step_s)
     # What each group says by itself, NaN where it says nothing.
     own = [groups.get(str(name)) for name in comparison.table[by]]
-    none = (*NOT_KNOWN, np.nan, "")
+    many, few = f"more than {_MOST_FITTED} groups", f"fewer than {_FEWEST_ROWS} rows"
+    why = f"{many if len(own) > _MOST_FITTED else few}: not fitted by itself"
+    none = (*NOT_KNOWN, np.nan, why)
     told = [none if one is None else (*one.mu_max, one.slip_opt.value, one.status) for one in own]
     names = [f"own_{name}" for name in ("mu_max", "mu_max_lo", "mu_max_hi", "slip_opt", "status")]
     table = comparison.table.join(pd.DataFrame(told, comparison.table.index, names))
@@ -125,6 +127,11 @@ def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
     if count > MOST_GROUPS:
         raise InputError(
             f"{points.name} has {count} groups by {by}; at most {MOST_GROUPS} can be compared."
+        )
+    if count == len(labels):
+        raise InputError(
+            f"Every row of {points.name} has a {by} of its own, so that no scatter within a group "
+            "tells whether groups differ; name a column that several rows share."
         )
     return labels
 

@@ -113,6 +113,30 @@ def test_events_of_axles_side_by_side_are_runs_of_one_answer():
     assert found.mu_max == pytest.approx(0.3 * (1 - 1 / 90) - 0.3 * np.log(90) / 90, rel=0.02)
 
 
+def test_a_group_of_few_rows_is_named_and_a_group_of_one_row_compares_nothing():
+    """Of 450 rows the last 10 are of a rail of half the adhesion."""
+    rows = table(1.0).drop(columns=["run", "driver"]).iloc[:-30]
+    rows["rail"] = np.where(np.arange(len(rows)) < len(rows) - 10, "dry", "wet")
+    rows.loc[rows["rail"] == "wet", "adhesion"] *= 0.5
+    found = aj.identify(rows, "burckhardt", by="rail")
+    why = "fewer than 30 rows: not fitted by itself"
+    assert [*found.comparison.table["own_status"]] == ["", why]
+    for said in (found.report(), found.verdict):
+        assert f"; wet: no answer ({why})." in " ".join(said.split())
+    rows["rail"] = [f"rail {number}" for number in range(len(rows))]
+    with pytest.raises(aj.InputError, match="a rail of its own, so that no scatter"):
+        aj.identify(rows, "burckhardt", by="rail")
+    # Further labels than a search takes, and compared all the same.
+    rows["rail"] = [f"rail {number // 4}" for number in range(len(rows))]
+    assert "left out" not in aj.identify(rows, "burckhardt", by="rail").verdict
+
+
+@pytest.mark.parametrize("slip_noise", [-0.1, np.nan, np.inf])
+def test_a_noise_of_the_slip_that_is_none_is_refused(slip_noise):
+    with pytest.raises(aj.InputError, match="slip_noise is a standard deviation, 0 for an exact"):
+        aj.identify(table(1.0), "kiencke", slip_noise=slip_noise)
+
+
 @pytest.mark.parametrize("name", ["side", "axle"])
 def test_the_answer_does_not_depend_on_whether_rows_of_groups_stand_in_turn(name):
     """Two signals of one truth with noise of an AR(1) of .9, each independent of the other."""
