@@ -112,7 +112,8 @@ def split(
 def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
     """The group of every row, as text."""
     table = points.table
-    name = by if by in table else GROUP
+    taken_as = dict(zip(points.understood["column"], points.understood["taken_as"], strict=True))
+    name = by if by in table else taken_as.get(by, GROUP)
     if name not in table and by != "run":
         names = dict.fromkeys([*table.columns.astype(str), "run"])
         raise no_column(points.name, f"{by} to compare by", by, [*names])

@@ -131,6 +131,14 @@ def test_a_group_of_few_rows_is_named_and_a_group_of_one_row_compares_nothing():
     assert "left out" not in aj.identify(rows, "burckhardt", by="rail").verdict
 
 
+@pytest.mark.parametrize("column", ["Achse", "Temperatur [°C]"])
+def test_groups_go_by_the_name_that_the_user_has_for_a_column_that_is_known(column):
+    rows = table(0.8)
+    rows[column] = np.where(rows.pop("rail") == "dry", 1, 2)
+    levels = aj.identify(rows, "burckhardt", by=column).comparison.table["mu_max"]
+    assert levels[1] / levels[0] == pytest.approx(0.8, rel=0.02)
+
+
 @pytest.mark.parametrize("slip_noise", [-0.1, np.nan, np.inf])
 def test_a_noise_of_the_slip_that_is_none_is_refused(slip_noise):
     with pytest.raises(aj.InputError, match="slip_noise is a standard deviation, 0 for an exact"):
