@@ -1,6 +1,7 @@
 """`adhesion plan`: what a measurement would tell of the peak, before it is made."""
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -44,7 +45,8 @@ class Written(click.ParamType):
 
 def _values(text: str) -> tuple[float, ...]:
     """LOW:HIGH or LOW:HIGH:COUNT, with equal steps of the logarithm."""
-    low, high, count, *_ = [*text.split(":"), "8"]
+    parts = text.split(":")
+    low, high, count = [*parts, "8"] if len(parts) == 2 else parts
     ends, number = (float(low), float(high)), int(count)
     if not (0 < ends[0] < ends[1] < math.inf and 2 <= number <= _MOST_VALUES):
         raise ValueError
@@ -157,6 +159,9 @@ def main(
     for option, value in (reading.asked() if log is None else of_sweeps).items():
         if value is not None:
             raise InputError(f"--{option.replace('_', '-')} does not go with {named[0]}.")
+    for column, number in Counter(column for column, _ in conditions).items():
+        if number > 1:
+            raise InputError(f"--condition {column} is given twice; name one condition for it.")
     (names,) = begin(curve)
     from adhesion_jax.effects.saved import load_law
     from adhesion_jax.library.identify import identify

@@ -83,10 +83,12 @@ def force_of_torque(rows: Rows, known: Corrections) -> None:
             rows.notes.append(
                 "The motor torque is not used: force or adhesion has a column of its own."
             )
-        if ratio is not None:
-            rows.notes.append(
-                "The gear ratio is not used: no force had to be computed from a torque."
-            )
+        given = {"gear ratio": ratio is not None, "efficiency": efficiency < 1}
+        rows.notes += [
+            f"The {name} is not used: no force had to be computed from a torque."
+            for name in given
+            if given[name]
+        ]
         return
     if ratio is None or radius is None:
         lacking = [

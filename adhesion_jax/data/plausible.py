@@ -45,15 +45,17 @@ def exchanged(slip: Float[np.ndarray, " rows"], adhesion: Float[np.ndarray, " ro
 
 
 def bins_of(slip: Float[np.ndarray, " rows"]) -> list[np.ndarray]:
-    """Rows of bins of equal width in the root of slip; one of too few rows joins the next."""
+    """Rows of bins of equal width in the root of slip; one of too few rows joins the next.
+
+    At the end it joins the one before.
+    """
     order = np.argsort(slip, kind="stable")
     place = (_BINS * np.sqrt(slip[order] / max(float(slip.max()), 1e-300))).astype(int)
-    groups, begin = [], 0
-    for end in np.append(np.flatnonzero(np.diff(place)) + 1, slip.size).tolist():
-        if end - begin >= _OF_A_BIN:
-            groups.append(order[begin:end])
-            begin = end
-    return groups
+    begins = [0]
+    for end in (np.flatnonzero(np.diff(place)) + 1).tolist():
+        if min(end - begins[-1], slip.size - end) >= _OF_A_BIN:
+            begins.append(end)
+    return np.split(order, begins[1:])
 
 
 def at_half(over: Float[np.ndarray, " rows"], values: Float[np.ndarray, " rows"]) -> float:

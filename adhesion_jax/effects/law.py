@@ -29,12 +29,14 @@ class CorrectedLaw(Law):
         ranges: by column, the smallest and the largest value of the data it was found in; effects
             see no value outside them.
         calendar: which column of time the campaign has.
+        slip: what its slip is, slip_ratio or slip_velocity_mps.
     """
 
     curve: Law
     effects: tuple[Effect, ...]
     ranges: Mapping[str, tuple[Scalar, Scalar]]
     calendar: Calendar = eqx.field(static=True)
+    slip: str = eqx.field(static=True, default="slip_ratio")
 
     @precise_of_numbers
     def __call__(self, slip: Signal, conditions: Conditions = NO_CONDITIONS) -> Signal:

@@ -29,7 +29,7 @@ _CHANGED |= dict.fromkeys(("spline", "interaction", "surface"), 3)
 _CHANGED |= dict.fromkeys(("contact_heating", "cleaning", "torque_offset"), 4)
 
 #: The calendar of a law that does not know of time.
-_NO_TIME = Calendar("run_order", 0.0, 1.0)
+NO_TIME = Calendar("run_order", 0.0, 1.0)
 
 
 def save_law(
@@ -48,7 +48,7 @@ def save_law(
 def law_text(law: Law, labels: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
     """A law as JSON, with the labels of the columns that its effects know by numbers."""
     if not isinstance(law, CorrectedLaw):
-        law = CorrectedLaw(law, (), {}, _NO_TIME)
+        law = CorrectedLaw(law, (), {}, NO_TIME)
     bent = law.curve if isinstance(law.curve, Bent) else None
     curve = law.curve if bent is None else bent.curve
     assert isinstance(curve, Curve)
@@ -60,6 +60,7 @@ def law_text(law: Law, labels: Mapping[str, Sequence[str]] = MappingProxyType({}
         "effects": [{"name": kind_of(effect), **_fields(effect)} for effect in law.effects],
         "ranges": dict(law.ranges),
         "calendar": law.calendar._asdict(),
+        "slip": law.slip,
     }
     columns = [effect.column for effect in law.effects if isinstance(effect, Labels)]
     if known := {name: [*labels[name]] for name in columns if name in labels}:
@@ -108,6 +109,7 @@ def law_from(text: str, source: str) -> CorrectedLaw:
             ),
             {name: _range(*ends) for name, ends in saved["ranges"].items()},
             Calendar(str(column), *_range(start, end)),
+            str(saved.get("slip", "slip_ratio")),
         )
     except InputError:
         raise

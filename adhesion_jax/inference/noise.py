@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 from jaxtyping import Float, Int
 
+from adhesion_jax.errors import InputError
 from adhesion_jax.inference.rows import Rows
 from adhesion_jax.inference.sums import Variance
 
@@ -53,6 +54,10 @@ def slip_noise(
     moving = speed is not None and (given is not None or bool(np.ptp(speed) > 0))
     per_row = 1 / np.maximum(speed, _SLOWEST) if moving and speed is not None else np.ones(1)
     if given is not None:
+        if not 0 <= given < np.inf:
+            raise InputError(
+                f"slip_noise is a standard deviation, 0 for an exact slip or more, not {given:g}."
+            )
         return SlipNoise(given, moving, True, np.broadcast_to(given * per_row, slip.shape))
     firsts = [np.arange(0, rows.size - _STRETCH + 1, _STRETCH // 3) for rows in courses]
     count = sum(one.size for one in firsts)

@@ -17,7 +17,8 @@ from adhesion_jax.data.columns import GROUP, guess
 from adhesion_jax.data.forces import Corrections
 from adhesion_jax.data.grouping import group
 from adhesion_jax.data.stretches import usual_step
-from adhesion_jax.effects.saved import save_law
+from adhesion_jax.effects.law import CorrectedLaw
+from adhesion_jax.effects.saved import NO_TIME, save_law
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_table
 from adhesion_jax.inference.fit import missing_columns
@@ -167,7 +168,8 @@ class Identification(Identified):
         write_table(path / "curves.csv", self.table)
         write_table(path / "parameters.csv", self.parameters)
         (path / "verdict.txt").write_text(f"{self}\n", encoding="utf-8")
-        save_law(path / "law.json", self.curve)
+        law = CorrectedLaw(self.curve, (), {}, NO_TIME, self.measured.slip)
+        save_law(path / "law.json", law)
         self.plot().savefig(path / "curves.png", dpi=150)
         draw_events(path, self.logs)
         if self.comparison is not None:
@@ -259,6 +261,8 @@ def identify(
             f"{points.name} lacks the column {listed(lacks)}, which the curve {name} needs; "
             "add it or name another curve."
         )
+    # A column of more labels than a search takes is compared by all the same.
+    points = points._replace(left_out=tuple(name for name in points.left_out if name != by))
     grouping, by = group(points), asked_of(points, by)
     labels = labels_of(points, by, grouping.run) if by not in (None, AUTO) else None
     velocity = points.slip == "slip_velocity_mps"

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from adhesion_jax.curves import CURVES, Law
+from adhesion_jax.curves.base import SLIP_VELOCITY_LIMIT
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_table
@@ -224,7 +225,8 @@ def _truth(source: str | Law, conditions: Mapping[str, float]) -> tuple[str, Tru
         _refuse_strange(conditions, {**of_curve, **ranges})
         middle = {name: (low + high) / 2 for name, (low, high) in ranges.items()}
         words = "the law with effects" if source.effects else "the law that was identified"
-        return words, Truth(source, {**middle, **conditions})
+        of_slip = (SLIP_VELOCITY_LIMIT, " m/s") if source.slip == "slip_velocity_mps" else ()
+        return words, Truth(source, {**middle, **conditions}, *of_slip)
     _refuse_strange(conditions, of_curve)
     names = [name for name, known in CURVES.items() if type(known) is type(source)]
     return names[0] if names else type(source).__name__, Truth(source, dict(conditions))
@@ -251,12 +253,14 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
     fits = {
         name: fit
         for name, fit in found.fits.items()
-        if np.isfinite(found.slip_opt) and fit.curve.peak(fit.conditions, fit.slip_limit).found
+        if fit.curve.peak(fit.conditions, fit.slip_limit).found
     }
-    if not fits:
+    why = " ".join(found.vetoes) or found.judgement.why
+    if why or not fits:
+        none = f"No curve that was fitted to {found.measured.name} has a peak."
         raise InputError(
-            f"No curve that was fitted to {found.measured.name} has a peak, so that there is no "
-            "mu_max to plan for; plan from a named rail, as --rail common."
+            f"{why if fits else none} So there is no mu_max to plan for; plan from a named rail, "
+            "as --rail common."
         )
     name = max(fits, key=lambda name: fits[name].log_density)
     return name, fits[name]
@@ -274,7 +278,7 @@ def _slips(slip_opt: float, present: float | None, limit: float) -> Float[np.nda
     """Round slips on both sides of the peak and of the present largest slip, which is one."""
     low, high = (_SLIPS[0] * min(slip_opt, present or slip_opt), _SLIPS[1] * (present or slip_opt))
     slips = [float(f"{slip:.2g}") for slip in np.geomspace(low, min(high, limit), _SLIPS[2])]
-    return np.unique([*slips, *([present] if present else [])])
+    return np.unique([*np.minimum(slips, limit), *([present] if present else [])])
 
 
 def _grid(

@@ -60,18 +60,22 @@ class Pieces(NamedTuple):
 
 
 def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> Pieces:
-    """Level and shape of every piece: a run, cut where the group changes.
+    """Level and shape of every piece: the rows of one group in one run.
 
     The residual is regressed on the curve, and on the curve times the logarithm of slip less its
     mean. Groups of fewer than six pieces are cut into as many stretches: what varies slowly within
     a run then counts as scatter.
     """
     law = fit.law
-    mean, _ = fit.at_rows(rows, slice(None))
-    left = rows.adhesion - mean
+    # Rows of groups may stand in turn: what is alike in neighbours is so within a group.
+    order = np.lexsort((group, rows.run))
+    group, run, weight = group[order], rows.run[order], rows.design[order]
+    place = np.log1p(np.abs(rows.slip[order]) / law.span.reach)
+    mean = fit.at_rows(rows, slice(None))[0][order]
+    left = rows.adhesion[order] - mean
     limit = 3 * fit.noise.sigma + 0.1 * float(np.abs(mean).max())
     left = np.clip(left, -limit, limit)
-    new = np.append(True, (np.diff(rows.run) != 0) | (np.diff(group) != 0))
+    new = np.append(True, (np.diff(run) != 0) | (np.diff(group) != 0))
     count = np.bincount(group[new])
     starts = [
         first + np.linspace(0, last - first, pieces, endpoint=False).astype(int)
@@ -83,8 +87,7 @@ def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> 
         )
     ]
     begin = np.unique(np.concatenate(starts))
-    place = np.log1p(np.abs(rows.slip) / law.span.reach)
-    weight = rows.design * mean**2
+    cross, weight = weight * mean * left, weight * mean**2
     place = place - float(weight @ place) / float(weight.sum())
 
     def total(column: np.ndarray) -> np.ndarray:
@@ -93,7 +96,6 @@ def pieces_of(fit: MeasuredFit, rows: Rows, group: Int[np.ndarray, " rows"]) -> 
     size = np.maximum(total(weight), 1e-300)
     middle = total(weight * place) / size
     inner = np.maximum(total(weight * place**2) - size * middle**2, 1e-12 * size)
-    cross = rows.design * mean * left
     level = total(cross) / size
     shape = (total(cross * place) - middle * total(cross)) / inner
     return Pieces(group[begin], level, shape, size, inner)

@@ -100,7 +100,9 @@ def split(
     groups = each_by_itself(labels, found.curves, record, run, velocity, slip_noise, step_s)
     # What each group says by itself, NaN where it says nothing.
     own = [groups.get(str(name)) for name in comparison.table[by]]
-    none = (*NOT_KNOWN, np.nan, "")
+    many, few = f"more than {_MOST_FITTED} groups", f"fewer than {_FEWEST_ROWS} rows"
+    why = f"{many if len(own) > _MOST_FITTED else few}: not fitted by itself"
+    none = (*NOT_KNOWN, np.nan, why)
     told = [none if one is None else (*one.mu_max, one.slip_opt.value, one.status) for one in own]
     names = [f"own_{name}" for name in ("mu_max", "mu_max_lo", "mu_max_hi", "slip_opt", "status")]
     table = comparison.table.join(pd.DataFrame(told, comparison.table.index, names))
@@ -110,7 +112,8 @@ def split(
 def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
     """The group of every row, as text."""
     table = points.table
-    name = by if by in table else GROUP
+    taken_as = dict(zip(points.understood["column"], points.understood["taken_as"], strict=True))
+    name = by if by in table else taken_as.get(by, GROUP)
     if name not in table and by != "run":
         names = dict.fromkeys([*table.columns.astype(str), "run"])
         raise no_column(points.name, f"{by} to compare by", by, [*names])
@@ -125,6 +128,11 @@ def labels_of(points: Measured, by: str, run: np.ndarray) -> pd.Series:
     if count > MOST_GROUPS:
         raise InputError(
             f"{points.name} has {count} groups by {by}; at most {MOST_GROUPS} can be compared."
+        )
+    if count == len(labels):
+        raise InputError(
+            f"Every row of {points.name} has a {by} of its own, so that no scatter within a group "
+            "tells whether groups differ; name a column that several rows share."
         )
     return labels
 
@@ -165,8 +173,8 @@ def each_by_itself(
 ) -> Mapping[str, Group]:
     """What each of a few groups says, whose curves are fitted to its rows alone, and judged so.
 
-    They begin at the curves of all rows. A run that spans a change is cut there. `step_s` is the
-    usual time between rows.
+    They begin at the curves of all rows. A run that spans a change is cut there, but not where rows
+    of groups stand in turn. `step_s` is the usual time between rows.
     """
     names = list(dict.fromkeys(labels))
     if len(names) > _MOST_FITTED:
@@ -174,13 +182,15 @@ def each_by_itself(
     starts = {name: share_of(fit.curve) for name, fit in fits.items()}
     starts.setdefault("kiencke", share_of(CURVES["kiencke"]))
     curves = {name: fit.law.curve for name, fit in fits.items()}
-    codes = labels.to_numpy()
+    order = np.argsort(run, kind="stable")
+    codes = labels.to_numpy()[order]
     groups = {}
     for name in names:
-        own = np.flatnonzero(codes == name)
-        if own.size < _FEWEST_ROWS:
+        place = np.flatnonzero(codes == name)
+        if place.size < _FEWEST_ROWS:
             continue
-        apart = np.append(True, (np.diff(run[own]) != 0) | (np.diff(own) > 1))
+        own, gap = order[place], np.diff(place)
+        apart = np.append(True, (np.diff(run[own]) != 0) | (gap > 2 * np.median(gap)))
         part = jax.tree.map(operator.itemgetter(own), record)
         pieces = np.cumsum(apart) - 1
         found = fit_curves(curves, part, pieces, velocity, slip_noise, starts=starts)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, f, norm
 
 from adhesion_jax.data.plausible import at_half, bins_of, exchanged, no_contact_has, roughness
 from adhesion_jax.inference.fit import MeasuredFit
@@ -93,6 +93,9 @@ def passages(points: Points, rows: Rows) -> int:
 #: rarely.
 _TELLING, _BY_CHANCE = 12, 1e-4
 
+#: Of fewer points bins say little: medians of two, one on either side of a peak, may be alike.
+_FEW_POINTS = 25
+
 #: Least share of the largest adhesion by which the curve rises among the points.
 _RISE = 0.1
 
@@ -147,7 +150,9 @@ def judged(
     clearly_late = late if sweeps > _ONE_EVENT else ""
     found = [_no_adhesion(points), clearly_late or exchanged(points.slip, points.adhesion)]
     if not any(found):
-        other = independent_of_slip(points) or _no_rise(points, fit) or _passed_by(points, fit)
+        followed = _followed(points, fit)
+        alike = "" if followed else independent_of_slip(points)
+        other = alike or _no_rise(points, fit, followed) or _passed_by(points, fit)
         found.append(late if other and late else other)
     if np.all(fit.held):
         found.append("Every parameter of the curve is held at a bound or has no influence.")
@@ -198,6 +203,16 @@ def _median(values: np.ndarray) -> tuple[float, float]:
     return middle, 1.25 * scatter / np.sqrt(min(values.size, _TELLING))
 
 
+def _followed(points: Points, fit: MeasuredFit) -> bool:
+    """Whether points too few for bins are surely nearer to the curve than to a level (F test)."""
+    size, parameters = points.slip.size, fit.held.size + fit.departure.degrees
+    if not parameters < size < _FEW_POINTS:
+        return False
+    left = max(float(points.residual @ points.residual), 1e-300) / (size - parameters)
+    taken = (size * float(points.adhesion.var()) - left * (size - parameters)) / (parameters - 1)
+    return bool(f.sf(taken / left, parameters - 1, size - parameters) < _BY_CHANCE)
+
+
 def independent_of_slip(points: Points) -> str:
     """Whether the medians of adhesion over bins of slip are alike within their errors (chi^2).
 
@@ -223,9 +238,11 @@ def independent_of_slip(points: Points) -> str:
     )
 
 
-def _no_rise(points: Points, fit: MeasuredFit) -> str:
-    groups = bins_of(points.slip)
-    medians = np.array([np.median(points.adhesion[group]) for group in groups])
+def _no_rise(points: Points, fit: MeasuredFit, followed: bool) -> str:
+    groups, values = bins_of(points.slip), points.adhesion
+    if followed:  # then the curve is measured at every point
+        groups, values = [*np.argsort(points.slip)[:, None]], points.mean
+    medians = np.array([np.median(values[group]) for group in groups])
     low, highest = float(np.median(points.slip[groups[0]])), float(medians.max())
     if medians[0] < (1 - _RISE) * highest or highest <= 0:
         return ""

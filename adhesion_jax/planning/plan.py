@@ -321,11 +321,13 @@ def own_log(fit: MeasuredFit, measured: Measured, stated: Mapping[str, float]) -
     order = np.argsort(runs, kind="stable")
     starts = np.flatnonzero(np.diff(runs[order], prepend=-1))
     slip = measured.table[measured.slip].to_numpy(float)[order]
+    largest = float(np.abs(slip).max())
     return OwnLog(
-        Truth(curve, dict(fit.conditions), fit.slip_limit, fit.slip_unit),
+        # A wheel that spins may have a slip beyond 1.
+        Truth(curve, dict(fit.conditions), max(fit.slip_limit, largest), fit.slip_unit),
         found._replace(**stated),
         again(slip, starts),
-        float(np.abs(slip).max()),
+        largest,
         slip.size,
         starts.size,
         "time_s" in measured.table,

@@ -89,11 +89,17 @@ def locomotive_log(
 
     Between the events slip is the micro-slip at which the curve gives the adhesion that is asked
     for; an event is a smooth bump of 4 to 8 s to a slip of .08 to .25 while the train accelerates
-    at 3 to 16 m/s. InputError for an effect that is not known, or more events than the log holds.
+    at 3 to 16 m/s. InputError for an effect that is not known, or hours without a row or with room
+    for fewer events.
     """
     for name in effects:
         if name not in EFFECTS:
             raise InputError(f"There is no effect '{name}' of a log; name {' or '.join(EFFECTS)}.")
+    rows = round(3600.0 * hours / STEP_S)
+    if rows < 1:
+        raise InputError(
+            f"A log of {hours:g} h has no row, one each {STEP_S:g} s; give more hours."
+        )
     chance = np.random.default_rng((seed, 0))
     level = chance.uniform(0.25, 0.4)
     curve = Burckhardt(
@@ -111,7 +117,7 @@ def locomotive_log(
     tops = chance.uniform(0.08, 0.25, events)
     return LocomotiveLog(
         seed,
-        round(3600.0 * hours / STEP_S),
+        rows,
         curve,
         corners,
         np.stack([begin, length, tops], axis=1),

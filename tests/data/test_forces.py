@@ -169,6 +169,15 @@ def test_a_torque_beside_a_force_is_not_used_and_explains_nothing():
 
 
 @pytest.mark.parametrize(
+    ("given", "what"), [({"gear_ratio": RATIO}, "gear ratio"), ({"efficiency": 0.5}, "efficiency")]
+)
+def test_what_is_given_of_a_gear_without_a_torque_is_told_as_not_used(given, what):
+    points = pd.DataFrame({"slip_ratio": np.linspace(0, 0.1, 40), "adhesion": 0.1})
+    notes = to_measured("points", points, known=Corrections(**given)).notes
+    assert notes == (f"The {what} is not used: no force had to be computed from a torque.",)
+
+
+@pytest.mark.parametrize(
     "values", [{"inertia": 0.0}, {"gear_ratio": -1.0}, {"efficiency": 1.2}, {"wheel_radius": 0.0}]
 )
 def test_values_that_no_wheelset_has_are_refused(values):

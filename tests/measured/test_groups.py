@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import binom
 
 import adhesion_jax as aj
@@ -110,3 +111,57 @@ def test_events_of_axles_side_by_side_are_runs_of_one_answer():
     assert len(found.runs) == 2 * 4
     # .3 (1 - exp(-90 s)) - .3 s is largest where exp(-90 s) = 1 / 90.
     assert found.mu_max == pytest.approx(0.3 * (1 - 1 / 90) - 0.3 * np.log(90) / 90, rel=0.02)
+
+
+def test_a_group_of_few_rows_is_named_and_a_group_of_one_row_compares_nothing():
+    """Of 450 rows the last 10 are of a rail of half the adhesion."""
+    rows = table(1.0).drop(columns=["run", "driver"]).iloc[:-30]
+    rows["rail"] = np.where(np.arange(len(rows)) < len(rows) - 10, "dry", "wet")
+    rows.loc[rows["rail"] == "wet", "adhesion"] *= 0.5
+    found = aj.identify(rows, "burckhardt", by="rail")
+    why = "fewer than 30 rows: not fitted by itself"
+    assert [*found.comparison.table["own_status"]] == ["", why]
+    for said in (found.report(), found.verdict):
+        assert f"; wet: no answer ({why})." in " ".join(said.split())
+    rows["rail"] = [f"rail {number}" for number in range(len(rows))]
+    with pytest.raises(aj.InputError, match="a rail of its own, so that no scatter"):
+        aj.identify(rows, "burckhardt", by="rail")
+    # Further labels than a search takes, and compared all the same.
+    rows["rail"] = [f"rail {number // 4}" for number in range(len(rows))]
+    assert "left out" not in aj.identify(rows, "burckhardt", by="rail").verdict
+
+
+@pytest.mark.parametrize("column", ["Achse", "Temperatur [°C]"])
+def test_groups_go_by_the_name_that_the_user_has_for_a_column_that_is_known(column):
+    rows = table(0.8)
+    rows[column] = np.where(rows.pop("rail") == "dry", 1, 2)
+    levels = aj.identify(rows, "burckhardt", by=column).comparison.table["mu_max"]
+    assert levels[1] / levels[0] == pytest.approx(0.8, rel=0.02)
+
+
+@pytest.mark.parametrize("slip_noise", [-0.1, np.nan, np.inf])
+def test_a_noise_of_the_slip_that_is_none_is_refused(slip_noise):
+    with pytest.raises(aj.InputError, match="slip_noise is a standard deviation, 0 for an exact"):
+        aj.identify(table(1.0), "kiencke", slip_noise=slip_noise)
+
+
+@pytest.mark.parametrize("name", ["side", "axle"])
+def test_the_answer_does_not_depend_on_whether_rows_of_groups_stand_in_turn(name):
+    """Two signals of one truth with noise of an AR(1) of .9, each independent of the other."""
+    draw = np.random.default_rng(10)
+    signals = []
+    for label in {"side": "LR", "axle": (1, 2)}[name]:
+        noise = lfilter([0.44], [1, -0.9], draw.normal(0, 0.02, 250))[50:]
+        slip = 0.05 * (1 - np.cos(2 * np.pi * np.arange(200) / 67)) + draw.normal(0, 0.001, 200)
+        adhesion = 0.6 * (slip / 0.03) / (1 + (slip / 0.03) ** 2) + noise
+        columns = {"time_s": 0.05 * np.arange(200), "slip_ratio": slip, "adhesion": adhesion}
+        signals.append(pd.DataFrame({**columns, name: label}))
+    below = pd.concat(signals, ignore_index=True)
+    in_turn = below.sort_values("time_s", kind="stable").reset_index(drop=True)
+    in_turn.iloc[2:4] = in_turn.iloc[[3, 2]].to_numpy()  # as a sort that is not stable leaves it
+    one, other = (aj.identify(rows, "kiencke", by=name).comparison for rows in (below, in_turn))
+    assert not one.changed
+    # Of sides there is one fit to one run or to two, with slightly other noise of the slip.
+    assert (other.p, other.p_shape) == pytest.approx((one.p, one.p_shape), rel=0.05)
+    by_itself = ["mu_max", "own_mu_max", "own_mu_max_lo", "own_mu_max_hi", "own_slip_opt"]
+    np.testing.assert_allclose(other.table[by_itself], one.table[by_itself], rtol=0.01)

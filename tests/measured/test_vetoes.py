@@ -6,6 +6,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 import adhesion_jax as aj
+from adhesion_jax.data.plausible import bins_of
 from adhesion_jax.measured.vetoes import Points, independent_of_slip
 
 
@@ -27,6 +28,25 @@ def test_few_points_on_the_rise_show_that_adhesion_depends_on_slip(count):
         slip = 0.2 * draws.uniform(size=count) ** 2
         said += bool(independent_of_slip(points(slip, rising(slip) + draws.normal(0, 0.02, count))))
     assert said <= 200 * 0.01
+
+
+def test_a_few_exact_points_on_both_sides_of_a_peak_are_a_curve():
+    """The noise is a sixtieth of the peak; medians of two bins, one on either side, agree."""
+    vetoed = 0
+    for seed in range(8):
+        draws = np.random.default_rng(seed)
+        slip = draws.uniform(0, 0.1, 12)
+        adhesion = rising(slip, place=0.03) + draws.normal(0, 0.005, 12)
+        table = pd.DataFrame({"slip_ratio": slip, "adhesion": adhesion})
+        vetoed += bool(aj.identify(table, "kiencke").vetoes)
+    assert vetoed <= 1
+
+
+@pytest.mark.parametrize("count", [5, 9, 12, 17, 60])
+def test_every_row_is_in_one_bin_of_five_rows_or_more(count):
+    bins = bins_of(np.random.default_rng(count).uniform(size=count))
+    assert min(rows.size for rows in bins) >= 5
+    np.testing.assert_array_equal(np.sort(np.concatenate(bins)), np.arange(count))
 
 
 @pytest.mark.parametrize("count", [20, 60, 400])

@@ -112,6 +112,39 @@ def test_a_log_whose_curves_have_no_peak_is_refused():
         aj.plan(aj.identify(log, "polach"))
 
 
+def points(place, low, high, column="slip_ratio"):
+    """300 points of .6 x / (1 + x^2), x the slip over that of the peak, with noise of .01."""
+    draw = np.random.default_rng(0)
+    slip = draw.uniform(low * place, high * place, 300)
+    adhesion = 0.6 * (slip / place) / (1 + (slip / place) ** 2) + draw.normal(0, 0.01, 300)
+    return aj.identify(pd.DataFrame({column: slip, "adhesion": adhesion}), "kiencke")
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.7, 3.0), (0.0, 0.6)])
+def test_a_log_without_an_answer_is_refused_for_the_reason_of_identify(low, high):
+    found = points(0.03, low, high)
+    with pytest.raises(InputError) as refused:
+        aj.plan(found)
+    why = " ".join(found.vetoes) or found.judgement.why
+    assert why
+    assert str(refused.value).startswith(f"{why} So there is no mu_max to plan for")
+
+
+def test_a_log_of_a_wheel_that_spins_is_planned():
+    planned = aj.plan(points(0.3, 0.0, 5.0))
+    assert planned.present.largest_slip > 1.4
+    assert planned.plan.planner.peak.slip_opt == pytest.approx(0.3, rel=0.03)
+
+
+@pytest.mark.parametrize("place", [0.5, 1.5])
+def test_a_law_of_the_slip_velocity_is_saved_as_one(place, tmp_path):
+    points(place, 0.0, 4.0, "slip_velocity_mps").write(tmp_path)
+    planned = aj.plan(aj.load_law(tmp_path / "law.json"))
+    assert planned.plan.planner.peak.slip_opt == pytest.approx(place, rel=0.03)
+    assert f"at slip {planned.plan.planner.peak.slip_opt:.4g} m/s" in planned.verdict
+    assert planned.table["largest_slip"].max() == pytest.approx(4 * place, rel=0.05)
+
+
 @pytest.mark.thorough
 def test_the_files(found, tmp_path):
     found.write(tmp_path)
@@ -162,6 +195,9 @@ def test_the_command_plans_a_rail_and_a_law(tmp_path):
         (["--rail", "dry", "--samples", "9:3"], "--samples 9:3 is no range; write LOW:HIGH"),
         (["--rail", "dry", "--samples", "many"], "--samples many is no range"),
         (["--rail", "dry", "--largest-slips", "0.1:0.2:1"], "is no range"),
+        (["--rail", "dry", "--largest-slips", "0.1:0.2:3:4"], "is no range"),
+        (["--rail", "dry", "--samples", "100:200:2:"], "is no range"),
+        (["--rail", "dry", *2 * ["--condition", "a=1"]], "--condition a is given twice; name one"),
         (["--rail", "dry", "--condition", "speed"], "--condition speed is no condition"),
         (["eurosprinter", "--samples-per-run", "9"], "--samples-per-run does not go with LOG"),
         (["missing.csv"], "missing.csv does not exist"),

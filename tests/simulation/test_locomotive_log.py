@@ -132,6 +132,7 @@ def test_the_truth_beside_the_file(written, drawn):
     ("asked", "said"),
     [
         ({"effects": ("rust",)}, "There is no effect 'rust' of a log; name humidity or falling_"),
+        ({"hours": 1e-9, "events": 0}, "A log of 1e-09 h has no row, one each 0.01 s; give more"),
         ({"hours": 0.2, "events": 99}, "not 99; give more hours or fewer events."),
     ],
 )

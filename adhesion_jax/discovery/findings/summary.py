@@ -1,5 +1,6 @@
 """The findings of a finished search: effects with intervals, errors, and cautions."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -99,7 +100,7 @@ def summarise(
         source="",
         base=final.base,
         base_parameters=_base_parameters(plain, final),
-        law=bare if refuted else law,
+        law=dataclasses.replace(bare if refuted else law, slip=runs.slip),
         law_before=bare,
         # What runs left out were predicted to is no error that no law can reach.
         noise_floor=min(_noise_floor(runs, noise), validation.after.value),
