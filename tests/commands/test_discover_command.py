@@ -131,7 +131,7 @@ def test_the_report_for_programs_has_its_keys(report, campaign):
     assert "NaN" not in text
     told = json.loads(text)
     assert {"base", "noise_floor", "rmse", "effects", "unexplained", "warnings"} <= {*told}
-    assert {*told["rmse"]} == {"train", "test"}
+    assert {*told["rmse"]} == {"train", "cross_validation", "test"}
     assert all({*error} == {"before", "after"} for error in told["rmse"].values())
     (effect,) = told["effects"]
     assert {*effect} == {"name", "candidates", "covariates", "parameters", "p_adjusted",
