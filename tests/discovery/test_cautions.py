@@ -11,6 +11,7 @@ from adhesion_jax.discovery.findings.cautions import extrapolated
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
 from adhesion_jax.discovery.search.state import Accepted, Selection
+from adhesion_jax.effects import EFFECTS
 from adhesion_jax.effects.law import CorrectedLaw
 
 
@@ -100,17 +101,23 @@ def test_a_time_of_the_campaign_and_a_speed_of_the_curve_beyond_training_are_tol
     timed["vehicle_speed_mps"] = 10 + timed["run"] % 3
     problem, runs = problem_of(timed), runs_of(timed)
     assert problem.calendar.column == "time_s"
-    drift = Accepted("drift", ("drift",), "drift", False, ("time_s",), (), p=0.001, gain=50.0)
-    ranges = ranges_of(problem, runs)
-    law = CorrectedLaw(CURVES["polach-falling"], (), ranges, problem.calendar)
-    state = Selection(
-        alone(timed, "polach-falling", (0.4, 0.4, 0.6, 150.0, 0.4)), accepted=(drift,)
-    )
-    assert extrapolated(state, law, runs, matching(runs, runs_of(timed))) == []
+    state = Selection(alone(timed, "polach-falling", (0.4, 0.4, 0.6, 150.0, 0.4)))
     later = timed.assign(time_s=timed["time_s"] + 1e5, vehicle_speed_mps=30.0)
-    found = extrapolated(state, law, runs, matching(runs, runs_of(later)))
-    names = {words.split(" have ")[1].split(" outside ")[0] for _, words in found}
-    assert names == {"campaign_time", "vehicle_speed_mps"}
+
+    def told(name, table):
+        effect = EFFECTS[name].starts(problem.flat)[0]
+        ranges = ranges_of(problem, runs)
+        law = CorrectedLaw(CURVES["polach-falling"], (effect,), ranges, problem.calendar)
+        own = Accepted(name, (name,), name, False, ("time_s",), (effect,), p=0.001, gain=50.0)
+        found = extrapolated(
+            state._replace(accepted=(own,)), law, runs, matching(runs, runs_of(table))
+        )
+        return {words.split(" have ")[1].split(" outside ")[0] for _, words in found}
+
+    assert told("drift", timed) == set()
+    assert told("drift", later) == {"campaign_time", "vehicle_speed_mps"}
+    # A lag rests on time too, but on no time of the campaign.
+    assert told("lag", later) == {"vehicle_speed_mps"}
 
 
 def test_a_column_of_the_law_with_a_gap_is_told_where_the_test_data_fill_it(training, said):

@@ -10,6 +10,7 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import nearly_fitted
+from adhesion_jax.discovery.model.packing import words_of
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
@@ -115,10 +116,12 @@ def extrapolated(
     record = condensed(test).record
     whole = conditions_of(record, law.calendar)
     inside = np.asarray(record.mask)
-    problem, needed = state.setting.problem, BASES[state.base].NEEDS
+    problem = state.setting.problem
     used = {name for effect in state.accepted for name in effect.covariates}
-    # What an effect has of time may be the time of the campaign.
-    used |= {*needed, *(["campaign_time"] if used & {"time_s", "run"} else [])}
+    used |= {*BASES[state.base].NEEDS}
+    # A covariate is what was measured: that of a drift is the time or the run, as is that of a lag.
+    used |= {name for part in law.effects for name in part.FACTS.needs}
+    used |= {getattr(part, word) for part in law.effects for word in words_of(type(part))}
     found = []
     for name in sorted(used & set(law.ranges) & set(whole)):
         low, high = law.ranges[name]
