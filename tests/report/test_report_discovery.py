@@ -36,6 +36,7 @@ from adhesion_jax.effects.shape import ACTS_ON
 from adhesion_jax.files import staged
 from adhesion_jax.report.discovery.figures import (
     _dependences,
+    _errors,
     adhesion_over_slip,
     shape_panels,
 )
@@ -648,6 +649,20 @@ def test_levels_are_drawn_against_what_differs_between_runs():
         case = findings._replace(levels=levels)
         assert level_panels(case) is None
         assert "levels.png" not in page_markdown(page(case))
+
+
+def test_errors_are_drawn_beside_the_floor_that_is_not_on_the_frame():
+    findings = two_effects()
+    (axis,) = _errors(
+        findings._replace(test=findings.test._replace(runs=1), noise_floor=0.0095)
+    ).axes
+    low, high = axis.get_xlim()
+    assert 0.0095 - low > 0.02 * (high - low)
+    assert [text.get_text() for text in axis.get_yticklabels()] == [
+        "training (24 runs)",
+        "cross-validation (24 runs)",
+        "test (1 run)",
+    ]
 
 
 def test_shapes_are_the_law_at_low_middle_and_high_values():

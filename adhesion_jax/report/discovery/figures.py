@@ -174,8 +174,14 @@ def _errors(findings: Findings) -> Figure:
         linewidth=1,
         label=f"noise floor {error(findings.noise_floor)}",
     )
+    # Otherwise it may lie on the frame.
+    axis.update_datalim([(findings.noise_floor, 0.0)], updatey=False)
+    axis.autoscale_view()
     kind = kind_of_run(findings)
-    names = [f"{name} ({errors.runs} {kind}s)" for name, errors in rows.items()]
+    names = [
+        f"{name} ({errors.runs} {kind}{'s' if errors.runs > 1 else ''})"
+        for name, errors in rows.items()
+    ]
     axis.set_yticks(np.arange(len(rows)), names)
     axis.set(xlabel="root mean square error of adhesion (1)", ylim=(len(rows) - 0.5, -0.5))
     light_frame(axis)
