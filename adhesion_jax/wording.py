@@ -61,3 +61,8 @@ def p_is(value: float, least: float = 0.0) -> str:
 def listed(words: Sequence[str], conjunction: str = "and") -> str:
     """`a, b and c`."""
     return f" {conjunction} ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
+
+
+def capital(words: str) -> str:
+    """The words as the start of a sentence."""
+    return words[:1].upper() + words[1:]

@@ -88,3 +88,11 @@ def family_of(name: str) -> str:
     return next(
         (cause.FACTS.family for cause in EFFECTS.values() if name in cause.FACTS.same_as), name
     )
+
+
+def in_words(name: str) -> str:
+    """An effect's or a candidate's name within a sentence; columns stay as they are in the file."""
+    kind, _, columns = name.partition(":")
+    if kind not in KINDS:
+        return kind.replace("_", " ") + (f" of {columns}" if columns else "")
+    return KINDS[kind].FACTS.phrase.replace("{}", columns)

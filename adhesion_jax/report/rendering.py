@@ -11,7 +11,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
 from adhesion_jax.report.page import Block, Formula, Items, Page, Paragraph, Picture, Section, Table
-from adhesion_jax.wording import listed, number, p_is, percent, plus_minus
+from adhesion_jax.wording import capital, listed, number, p_is, percent, plus_minus
 
 #: Width of a line.
 WIDTH = 96
@@ -72,7 +72,10 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
 )
 _TEMPLATES.filters |= {
-    **{one.__name__: one for one in (format, listed, number, one_line, p_is, percent, plus_minus)},
+    **{
+        one.__name__: one
+        for one in (capital, format, listed, number, one_line, p_is, percent, plus_minus)
+    },
     "paragraph": _paragraph,
 }
 _TEMPLATES.tests["finite"] = math.isfinite

@@ -104,4 +104,4 @@ def test_adhesion_that_rises_with_speed_is_not_named_a_fall_with_it(rises):
     assert "drift" in effect.members
     assert effect.parts == state.accepted[0].parts
     (words,) = sentences
-    assert words.startswith("speed is not named as a cause, although its formula is in the law: ")
+    assert words.startswith("Vehicle speed is not named as a cause, although its formula is in ")

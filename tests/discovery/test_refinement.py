@@ -192,7 +192,7 @@ def test_what_stood_out_and_was_not_accepted_is_undecided(quiet):
     state = quiet._replace(ranking=rows)
     (doubt,) = undecided(state)
     assert doubt.names == ("lag",)
-    assert "lag stands out" in doubt.sentence
+    assert "A lag of the adhesion signal stands out" in doubt.sentence
     member = taken("relaxation", EFFECTS["relaxation"](length=1.0), "time_s")
     member = member._replace(members=("relaxation", "lag"))
     (doubt,) = undecided(state._replace(accepted=(member,)))
@@ -207,10 +207,13 @@ def test_what_stands_out_in_few_runs_is_told_though_no_p_of_theirs_is_significan
     first = null[null["run"].isin(null["run"].unique()[:5])]
     five = state_of(first)._replace(thresholds=(4.2,))
     assert five.setting.problem.runs == 5
-    least = [row(name, 0.0625, np.nan, z=z) for name, z in (("wind (spline)", 6.1), ("lag", 5.0))]
+    least = [
+        row(name, 0.0625, np.nan, z=z)
+        for name, z in (("covariate:wind (spline)", 6.1), ("lag", 5.0))
+    ]
     (doubt,) = undecided(five._replace(ranking=(*least, row("patch", 0.3, np.nan, z=3.9))))
-    assert doubt.names == ("wind",)
-    assert "wind (spline) stands out most" in doubt.sentence
+    assert doubt.names == ("covariate:wind",)
+    assert "A dependence on wind (spline) stands out most" in doubt.sentence
     assert "as far as 5 runs can show it (adjusted p <= 0.062" in doubt.sentence
     assert undecided(five._replace(ranking=(row("patch", 0.0625, np.nan, z=4.1),))) == ()
     assert undecided(five._replace(ranking=())) == ()

@@ -354,12 +354,6 @@ def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():
         "do not determine. Look at the residual against every column, and measure more runs that "
         f"differ in them. {ERROR_ALONE}"
     )
-    dropped = "The shape of the base curve is in doubt: patch is not counted as an effect."
-    words = verdict(null()._replace(ranking=ranking, warnings=("Noise: all is well.", dropped)))
-    assert words == (
-        "No effect is claimed, but the shape of the base curve is in doubt: patch is not counted "
-        f"as an effect. {ERROR_ALONE}"
-    )
 
 
 def test_verdict_of_doubts_and_of_the_second_opinion():

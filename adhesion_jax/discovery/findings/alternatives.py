@@ -11,7 +11,8 @@ from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import directions_of, null_of
 from adhesion_jax.discovery.search.state import Selection, all_but, parts_of
 from adhesion_jax.discovery.types import Proposal
-from adhesion_jax.effects import kind_of
+from adhesion_jax.effects import in_words, kind_of
+from adhesion_jax.wording import capital, listed
 
 
 class Likeness(NamedTuple):
@@ -52,7 +53,8 @@ def likenesses(state: Selection, entries: Sequence[Entry]) -> tuple[Likeness, ..
 def confounded(state: Selection, alike: Sequence[Likeness]) -> tuple[str, ...]:
     """Sentences on causes that the data cannot tell apart, and on those that act nearly alike."""
     sentences = [
-        f"The data cannot tell {effect.name} from {' or '.join(effect.members[1:])}: with either "
+        f"The data cannot tell {in_words(effect.name)} from "
+        f"{listed([in_words(name) for name in effect.members[1:]], 'or')}: with either "
         "the prediction of runs left out is as good."
         for effect in state.accepted
         if len(effect.members) > 1
@@ -63,8 +65,9 @@ def confounded(state: Selection, alike: Sequence[Likeness]) -> tuple[str, ...]:
             continue
         named.add((effect, entry.name))
         sentences.append(
-            f"{effect} and {entry.name} act nearly alike in these data (cosine {cosine:.2f} once "
-            "the base curve is fitted); what is known beyond the data must decide."
+            f"{capital(in_words(effect))} and {in_words(entry.name)} act nearly alike in these "
+            f"data (cosine {cosine:.2f} once the base curve is fitted); what is known beyond the "
+            "data must decide."
         )
     return tuple(sentences)
 

@@ -15,7 +15,7 @@ from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
 from adhesion_jax.discovery.search.state import Selection
-from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects import EFFECTS, in_words
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.wording import percent
@@ -67,9 +67,9 @@ def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
     for name in EFFECTS:
         why = why_untested(name, problem)
         if why:
-            reasons.setdefault(why, []).append(name)
+            reasons.setdefault(why, []).append(in_words(name))
     if not problem.in_time:
-        reasons.setdefault(NO_TIME, []).append("slip_noise")
+        reasons.setdefault(NO_TIME, []).append("noise in the slip signal")
     sentences = [f"Not tested: {', '.join(names)} ({why})." for why, names in reasons.items()]
     for name, values in problem.flat.items():
         limits = _NARROW.get(name)

@@ -24,9 +24,9 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.scans import Torsion
 from adhesion_jax.discovery.search.state import Accepted, Place, Selection, parts_of, slots_of
 from adhesion_jax.discovery.types import Errors, FoundEffect, Interval
-from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, family_of, kind_of
+from adhesion_jax.effects import Cause, Effect, Labels, ShapeTerm, family_of, in_words, kind_of
 from adhesion_jax.effects.labels import NO_LABEL
-from adhesion_jax.wording import listed, number
+from adhesion_jax.wording import capital, listed, number
 
 #: Columns that tell of no surroundings: beside others a structure is not named after them.
 _OF_THE_RUN = ("slip_ratio", "time_s")
@@ -72,13 +72,14 @@ def vetoed(state: Selection) -> tuple[Selection, tuple[str, ...]]:
         accepted.append(named)
         if why:
             sentences.append(
-                f"{effect.name} is not named as a cause, although its formula is in the law: {why}."
+                f"{capital(in_words(effect.name))} is not named as a cause, although its formula "
+                f"is in the law: {why}."
             )
         elif isinstance(effect.parts[0], Cause):
             sentences += [
-                f"The interval of {name} of {effect.name} holds 0 only because the data do not "
-                "tell it apart from the other parameters of this effect: for those as fitted it "
-                f"is {number(low)} to {number(high)}."
+                f"The interval of {name} of {in_words(effect.name)} holds 0 only because the data "
+                "do not tell it apart from the other parameters of this effect: for those as "
+                f"fitted it is {number(low)} to {number(high)}."
                 for name, (_, low, high) in found.items()
                 if low * high > 0 and whole[place, 0][name].low <= 0 <= whole[place, 0][name].high
             ]

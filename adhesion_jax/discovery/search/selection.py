@@ -32,9 +32,9 @@ from adhesion_jax.discovery.search.trials import (
     tried,
 )
 from adhesion_jax.discovery.types import Candidate, Doubt, Opinion
-from adhesion_jax.effects import Effect, kind_of
+from adhesion_jax.effects import Effect, in_words, kind_of
 from adhesion_jax.effects.dynamic import Dynamic
-from adhesion_jax.wording import p_is
+from adhesion_jax.wording import capital, p_is
 
 #: Columns that say which slip a point has.
 _OF_THE_SLIP = ("slip_ratio", "slip_velocity_mps")
@@ -326,7 +326,7 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
         return ()
     row = max(standing, key=lambda row: row.gain)
     p = p_is(row.p_adjusted, least_p(runs))
-    seen_as = f"{row.name} stands out in the residual (adjusted {p}), but"
+    seen_as = f"{capital(in_words(row.name))} stands out in the residual (adjusted {p}), but"
     if state.fitted.log and row.gain > rules.SURE_ERRORS_OF_COLUMN * row.gain_se:
         why = (
             f"{seen_as} what it explains lies in one stretch of the only run: it is not counted as "
@@ -351,8 +351,9 @@ def _plain(row: Candidate) -> str:
 def _of_few_runs(row: Candidate, runs: int) -> Doubt:
     p = p_is(row.p_adjusted, least_p(runs))
     why = (
-        f"{row.name} stands out most in the residual, as far as {runs} runs can show it (adjusted "
-        f"{p}; its score is {row.z:.1f} standard errors): it is not counted as an effect, since "
-        "so few runs agree by chance too often. More runs in which it varies would decide."
+        f"{capital(in_words(row.name))} stands out most in the residual, as far as {runs} runs "
+        f"can show it (adjusted {p}; its score is {row.z:.1f} standard errors): it is not "
+        "counted as an effect, since so few runs agree by chance too often. More runs in which it "
+        "varies would decide."
     )
     return Doubt((_plain(row),), why)

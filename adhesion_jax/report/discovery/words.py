@@ -16,7 +16,7 @@ from adhesion_jax.discovery.types import (
     Interval,
     Opinion,
 )
-from adhesion_jax.effects import KINDS
+from adhesion_jax.effects import in_words
 from adhesion_jax.report.rendering import one_line, sentences_of
 from adhesion_jax.wording import listed, number, p_is
 
@@ -40,11 +40,7 @@ _SUFFIXES = ("per_m", "mps2", "mps", "pct", "rad", "deg", "s", "N", "C", "m")
 
 def humanised(name: str) -> str:
     """An effect's name in words; names of columns stay as they are in the file."""
-    kind, _, column = name.partition(":")
-    if kind not in KINDS:
-        words = _NOISE.get(kind, kind.replace("_", " "))
-        return one_line(words + (f" of {column}" if column else ""))
-    return KINDS[kind].FACTS.phrase.replace("{}", one_line(column))
+    return one_line(_NOISE.get(name) or in_words(name))
 
 
 def decision(words: str) -> str:
@@ -142,9 +138,6 @@ _WORDS = (
 #: Effects that are claimed although they improve no prediction.
 _IN_NOISE = ("torsion",)
 
-#: Words that every warning of an effect that was found and dropped contains.
-_DROPPED = "not counted as an effect"
-
 
 def opinion_sentence(findings: Findings, opinion: Opinion) -> str:
     """The share of the residual that trees predict, from which columns, and what follows."""
@@ -223,7 +216,6 @@ def _open_questions(findings: Findings, claims: bool) -> list[str]:
         "open_questions.txt",
         findings=findings,
         claims=claims,
-        dropped=[text for text in findings.warnings if _DROPPED in text],
         first=_first_of_ranking(findings),
         significant=rules.SIGNIFICANT,
         opinion=findings.opinion and opinion_sentence(findings, findings.opinion),
