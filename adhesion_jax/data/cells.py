@@ -101,11 +101,19 @@ def _array(values: pyarrow.Array) -> np.ndarray:
     return np.asarray(values.to_numpy(zero_copy_only=False))
 
 
-_CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d{1,9})?)?"
+_MINUTES = r":\d{2}(:\d{2}([.,:]\d{1,9})?)?"
+_HALF = r"\s*[AaPp]\.?[Mm]\.?"
+_CLOCK = rf"(?:\d{{1,2}}{_MINUTES}|(?:0?[1-9]|1[0-2]){_MINUTES}{_HALF})"
 _ZONE = r"\s*(Z|[+-]\d{2}:?\d{2})"
 
 #: The form of a stamp that says no day.
 TIME_OF_DAY = "a time of day"
+
+#: The form of minutes and seconds with a fraction, as spreadsheets save times of day.
+TIME_OF_HOUR = "a time within the hour"
+
+#: The form of a stamp that says no day, and after what time, in s, it begins anew.
+CLOCKS = {TIME_OF_DAY: 86400.0, TIME_OF_HOUR: 3600.0}
 
 #: The form of a day without a time, year first.
 A_DATE = "a date"
@@ -125,10 +133,12 @@ _SLASHES = "slashes"
 _DATES = {
     A_DATE: r"\d{4}[-/]\d{2}[-/]\d{2}",
     "day.month.year": r"\d{1,2}\.\d{1,2}\.\d{2,4}",
+    "day-month-year": r"\d{1,2}[- ][A-Za-z]{3}[- ]\d{4}",
     _SLASHES: r"\d{1,2}/\d{1,2}/\d{4}",
 }
 _FORMS = {
     TIME_OF_DAY: re.compile(_CLOCK),
+    TIME_OF_HOUR: re.compile(r"\d{1,2}:\d{2}[.,]\d{1,9}"),
     **{form: re.compile(date) for form, date in _DATES.items()},
     **{
         form + WITH_ZONE + AND_TIME: re.compile(rf"{date}[T ,]\s*{_CLOCK}{_ZONE}")
@@ -141,8 +151,15 @@ _FORMS = {
     },
 }
 
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+
 #: From what is written to year-month-day and a time with a decimal point, step by step.
 _STEPS = (
+    (r"^(\d)([- ][A-Za-z])", r"0\1\2"),
+    *(
+        (rf"(?i)^(\d\d)[- ]{month}[- ](\d{{4}})", rf"\2-{number:02d}-\1")
+        for number, month in enumerate(_MONTHS, 1)
+    ),
     (r"^(\d)([./])", r"0\1\2"),
     (r"^(\d\d[./])(\d)([./])", r"\10\2\3"),
     (r"^(\d\d)\.(\d\d)\.(\d\d)([T ,]|$)", r"\1.\2.20\3\4"),
@@ -155,7 +172,7 @@ _STEPS = (
 )
 _MONTH_FIRST = (r"^(\d{1,2})/(\d{1,2})/", r"\2/\1/")
 
-_DAY = 86400.0
+_HALF_A_DAY = 12 * 3600 * 10**9
 
 
 def form_of(cells: Sequence[str]) -> str:
@@ -194,6 +211,16 @@ def stamps(cells: pyarrow.Array, form: str = "") -> tuple[pyarrow.Int64Array, np
         return cells.cast(pyarrow.time64("ns")).cast(pyarrow.int64()), _NOWHERE
     compute = pyarrow.compute
     text = known(compute.utf8_trim_whitespace(cells))
+    halves = compute.match_substring_regex(text, rf"{_HALF}$")
+    if compute.any(halves).as_py():
+        ticks, strange = stamps(compute.replace_substring_regex(text, rf"{_HALF}$", ""), form)
+        afternoon = compute.match_substring_regex(text, r"[Pp]\.?[Mm]\.?$")
+        twelve = compute.and_(halves, compute.match_substring_regex(text, r"(^|\D)12:"))
+        later, earlier = (one.cast(pyarrow.int64()) for one in (afternoon, twelve))
+        half_days = compute.subtract(later, earlier)
+        return compute.add(ticks, compute.multiply(half_days, _HALF_A_DAY)), strange
+    if form == TIME_OF_HOUR:
+        text = compute.binary_join_element_wise("00", text, ":")
     if form.startswith(ORDERS[1]):
         text = compute.replace_substring_regex(text, *_MONTH_FIRST)
     shown = text.drop_null()[:1].to_pylist()
@@ -224,10 +251,10 @@ def seconds(ticks: pyarrow.Int64Array, origin: int) -> np.ndarray:
     return _array(pyarrow.compute.subtract(ticks, origin).cast(pyarrow.float64(), safe=False)) / 1e9
 
 
-def unwrapped(seconds: np.ndarray) -> np.ndarray:
-    """Times of day [rows] that go on past midnight: a day is added at each fall by half a day."""
+def unwrapped(seconds: np.ndarray, period: float) -> np.ndarray:
+    """Times [rows] that begin anew after a period: it is added at each fall by half of it."""
     known = np.flatnonzero(np.isfinite(seconds))
-    days = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -_DAY / 2)
+    anew = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -period / 2)
     found = seconds.copy()
-    found[known] += _DAY * days
+    found[known] += period * anew
     return found

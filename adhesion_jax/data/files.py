@@ -23,6 +23,7 @@ import pyarrow.parquet
 from adhesion_jax.data.cells import (
     A_DATE,
     AND_TIME,
+    CLOCKS,
     EITHER,
     MISSING_LABEL,
     ORDERS,
@@ -381,7 +382,7 @@ def with_dates_joined(sheet: Sheet) -> Sheet:
     dates = [
         name
         for name, form in sheet.stamps.items()
-        if name not in clocks and not form.endswith(AND_TIME)
+        if form not in CLOCKS and not form.endswith(AND_TIME)
     ]
     stamps = {name: form for name, form in sheet.stamps.items() if name not in dates}
     if len(dates) != 1 or len(clocks) != 1 or f"{dates[0]} {clocks[0]}" in sheet.columns:

@@ -8,8 +8,8 @@ import pyarrow
 import pyarrow.compute
 
 from adhesion_jax.data.cells import (
+    CLOCKS,
     OF_TWO_MEANINGS,
-    TIME_OF_DAY,
     WITH_ZONE,
     decimal_mark,
     is_text,
@@ -81,7 +81,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
             if one.stamp:
                 ticks, text = stamps(cells, one.stamp)
                 if origin is None:
-                    origin = 0 if one.stamp == TIME_OF_DAY else pyarrow.compute.min(ticks).as_py()
+                    origin = 0 if one.stamp in CLOCKS else pyarrow.compute.min(ticks).as_py()
                 values = seconds(ticks, origin or 0)
             else:
                 values, text = numbers(cells, own.get(one.name) or mark or ".")
@@ -104,7 +104,7 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
         progress("reading", share)
     # Of a long log it would hold hundreds of megabytes that nobody uses.
     pyarrow.default_memory_pool().release_unused()
-    dated = any(one.stamp not in ("", TIME_OF_DAY) for one in taken)
+    dated = any(one.stamp not in ("", *CLOCKS) for one in taken)
     zone = " UTC" if any(WITH_ZONE in one.stamp for one in taken) else ""
     found, named = {name: column.values for name, column in columns.items()}, {}
     for name, blocks in labels.items():
@@ -113,8 +113,8 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
         names = pd.Index(whole.dictionary.to_pylist(), dtype="str")
         named[name] = pd.Categorical.from_codes(whole.indices.to_numpy(), names)
     for one in taken:
-        if one.stamp == TIME_OF_DAY:  # it goes on past midnight
-            found[one.name] = unwrapped(found[one.name])
+        if one.stamp in CLOCKS:  # it goes on past midnight, or the full hour
+            found[one.name] = unwrapped(found[one.name], CLOCKS[one.stamp])
     left_out = {one.name: _unfit(one, found[one.name]) for one in taken if one.name in found}
     left_out |= {
         name: f"it has {len(of.categories)} different texts, and labels are at most {_MOST_LABELS}"

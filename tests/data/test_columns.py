@@ -174,6 +174,10 @@ def test_what_could_be_either_shows_no_mark(cells):
         "2026-11-24T09:00:00.010+01:00",
         "2026-11-24 08:00:00.010Z",
         "2026/11/24 08:00:00.010",
+        "24-Nov-2026 08:00:00.010",
+        "24 nov 2026 8:00:00,010",
+        "24.11.2026 8:00:00.010 AM",
+        "2026-11-24 08:00:00.010 a.m.",
     ],
 )
 def test_a_stamp_is_the_same_however_it_is_written(written):
@@ -201,6 +205,10 @@ def test_what_is_no_stamp_is_told_by_its_place():
         (["3.4.2026", ""], "day.month.year"),
         (["2026-04-03"], "a date"),
         (["8:00:00"], "a time of day"),
+        (["12:00:00 am", "1:00 PM"], "a time of day"),
+        (["13:00:00 PM"], ""),
+        (["00:10.0", "59:59,9"], "a time within the hour"),
+        (["3-Apr-2026 8:00"], "day-month-year and time"),
         (["-", "8:00:00", "NaN"], "a time of day"),
         (["3.4.2026 8:00Z", "3.4.2026 8:00+02:00"], "day.month.year with zone and time"),
         (["24.11.2026 23:59:59", "25.11.2026"], "day.month.year and time"),
@@ -220,8 +228,26 @@ def test_midnight_may_be_written_as_the_date_alone(day):
     np.testing.assert_array_equal(seconds(ticks, since), [-1, np.nan, 0, 1])
 
 
+def test_the_two_halves_of_a_day():
+    written = ["11/24/2026 12:00:05 AM", "11/24/2026 1:00 am", "", "11/24/2026 12:30:00.5 PM"]
+    ticks, strange = stamps(pyarrow.array([*written, "11/24/2026 11:59:59 p.m."]), form_of(written))
+    assert strange.size == 0
+    since = pd.Timestamp("2026-11-24").value
+    np.testing.assert_array_equal(seconds(ticks, since), [5, 3600, np.nan, 45000.5, 86399])
+
+
+def test_a_time_within_the_hour_goes_on_past_it(tmp_path):
+    written = [
+        f"{(59 * 60 + 50 + row) % 3600 // 60:02d}:{(50 + row) % 60:02d}.5" for row in range(40)
+    ]
+    assert form_of(written) == "a time within the hour"
+    good().assign(Time=written).to_csv(tmp_path / "a.csv", index=False)
+    found = read_measured(tmp_path / "a.csv").table["time_s"]
+    np.testing.assert_array_equal(np.diff(found), 1)
+
+
 def test_times_of_no_form_that_is_read_are_told(tmp_path):
-    table = good().assign(Time=[f"11/24/2026 8:00:{row:02d} AM" for row in range(40)])
+    table = good().assign(Time=[f"2026-W48-2T08:00:{row:02d}" for row in range(40)])
     table.to_csv(tmp_path / "a.csv", index=False)
     notes = " ".join(read_measured(tmp_path / "a.csv").notes)
     assert "column Time is not used as a time: its cells have no form of dates or times" in notes
@@ -333,7 +359,7 @@ def test_lines_above_the_header_are_passed_over(above, units, tmp_path):
 def test_a_time_of_day_goes_on_past_midnight(tmp_path):
     clock = pyarrow.array([time(23, 59, 59, 500000), None, time(0, 0, 0, 500000)])
     of_day = seconds(stamps(clock)[0], 0)
-    np.testing.assert_array_equal(unwrapped(of_day), [86399.5, np.nan, 86400.5])
+    np.testing.assert_array_equal(unwrapped(of_day, 86400.0), [86399.5, np.nan, 86400.5])
     table = good().assign(Uhrzeit=["23:59:40"] * 20 + ["00:00:01"] * 20)
     table.to_csv(tmp_path / "a.csv", index=False)
     found = read_measured(tmp_path / "a.csv").table["time_s"]
