@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from io import BufferedIOBase
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow.csv
 
@@ -116,7 +116,14 @@ def _fits(before: str, one: str, after: str, letters: str) -> bool:
 
 
 #: Separator to the word for it.
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+
+#: Any number of spaces separates cells, and none stands before the first or after the last of a
+#: line. NumPy begins its header with a mark of a comment.
+_SPACED = (
+    (re.compile(rb"(?m)^[# \t]+|[ \t]+(?=\r?$)"), b""),
+    (re.compile(rb"[ \t]+"), b"\t"),
+)
 
 #: Bytes from the beginning of a file from which the dialect is told, and the most rows of them.
 _HEAD = 1 << 18
@@ -149,6 +156,34 @@ class Dialect(NamedTuple):
         return f"{encoding}cells separated by {separator}{mark}{header}{units}"
 
 
+def _tabbed(lines: bytes) -> bytes:
+    """Lines of cells separated by spaces as lines of cells separated by tabs."""
+    for spaces, written in _SPACED:
+        lines = spaces.sub(written, lines)
+    return lines
+
+
+class Tabbed(io.RawIOBase):
+    """A stream of lines of cells separated by spaces, as cells separated by tabs."""
+
+    def __init__(self, stream: BufferedIOBase) -> None:
+        self._stream, self._rest = stream, memoryview(b"")
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        while not self._rest:
+            lines = self._stream.read(_CHUNK)
+            if not lines:
+                return 0
+            self._rest = memoryview(_tabbed(lines + self._stream.readline()))
+        count = min(len(buffer), len(self._rest))
+        buffer[:count] = self._rest[:count]
+        self._rest = self._rest[count:]
+        return count
+
+
 def tidy(name: str) -> str:
     """A name of a column on one line, without characters that steer a terminal."""
     seen = (one if one.isprintable() or one.isspace() else "" for one in name)
@@ -175,7 +210,7 @@ def dialect_of(stream: BufferedIOBase, encoding: str, path: str) -> Dialect:
         skipped, separator, text = 1, told[1], text[told.end() :]
     if cut:
         text = text[: text.rfind("\n") + 1] or text
-    separator = separator or _separator(text)
+    separator = separator or _separator(text, spaces=not encoding.startswith("utf-16"))
     rows = _rows(text, separator, path)
     header = _header(rows)
     # A quoted cell may go on in the next line.
@@ -272,8 +307,11 @@ def _of_groups(groups: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _separator(text: str) -> str:
-    """The separator by which most rows have as many cells as the header, or as each other."""
+def _separator(text: str, spaces: bool) -> str:
+    """The separator by which most rows have as many cells as the header, or as each other.
+
+    Names may hold spaces, which separate cells only where no mark does, if at all.
+    """
 
     def likeness(separator: str) -> tuple[int, int, int]:
         rows = _parsed(text, separator)
@@ -282,21 +320,26 @@ def _separator(text: str) -> str:
         alike = counts.count(counts[0]) if counts[0] > 1 else 0
         return alike, many if usual > 1 else 0, counts[0]
 
-    return max(SEPARATORS, key=likeness)
+    found = max((mark for mark in SEPARATORS if mark != " "), key=likeness)
+    return " " if spaces and not likeness(found)[0] and likeness(" ")[0] > 1 else found
 
 
 def _parsed(text: str, separator: str) -> list[list[str]]:
-    rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    rows = _reader(text, separator)
     try:
         return list(itertools.islice((row for row in rows if row), _ROWS)) or [[""]]
     except csv.Error:
         return [[""]]
 
 
+def _reader(text: str, separator: str, strict: bool = False) -> Iterator[list[str]]:
+    if separator == " ":
+        text, separator = _tabbed(text.encode()).decode(), "\t"
+    return csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=strict)
+
+
 def _rows(text: str, separator: str, path: str) -> list[list[str]]:
-    rows: Iterator[list[str]] = csv.reader(
-        io.StringIO(text, newline=""), delimiter=separator, strict=True
-    )
+    rows = _reader(text, separator, strict=True)
     found: list[list[str]] = []
     try:
         for row in itertools.islice(rows, _ROWS):

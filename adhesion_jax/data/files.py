@@ -34,7 +34,7 @@ from adhesion_jax.data.cells import (
     known,
 )
 from adhesion_jax.data.containers import FRAMED, SPREADSHEETS, spreadsheet, zipped
-from adhesion_jax.data.dialect import Dialect, dialect_of, encoding_of, ragged, tidy
+from adhesion_jax.data.dialect import Dialect, Tabbed, dialect_of, encoding_of, ragged, tidy
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed
 
@@ -283,10 +283,11 @@ def _text_blocks(
     keys = [str(place) for place in range(len(dialect.names))]
     above = dialect.above - dialect.skipped
     size = max(path.stat().st_size, 1)
+    spaced = dialect.separator == " "
     with opened() as (stream, raw):
         try:
             reader = pyarrow.csv.open_csv(
-                pyarrow.PythonFile(stream, "r"),
+                pyarrow.PythonFile(io.BufferedReader(Tabbed(stream)) if spaced else stream, "r"),
                 pyarrow.csv.ReadOptions(
                     column_names=keys,
                     skip_rows=dialect.skipped,
@@ -295,7 +296,7 @@ def _text_blocks(
                     encoding=dialect.encoding.removesuffix("-sig"),
                 ),
                 pyarrow.csv.ParseOptions(
-                    delimiter=dialect.separator,
+                    delimiter="\t" if spaced else dialect.separator,
                     newlines_in_values=dialect.quoted,
                     ignore_empty_lines=False,
                     invalid_row_handler=note,

@@ -1,5 +1,6 @@
 """What columns are taken as: units, names, what the user says, and how files are written."""
 
+import io
 from datetime import datetime, time
 
 import numpy as np
@@ -652,6 +653,38 @@ def test_headers_of_one_to_three_rows_are_read(header, ending, tmp_path):
         np.testing.assert_allclose(found.table[name], table[column], rtol=1e-12)
     np.testing.assert_allclose(found.table["slip_ratio"], good()["slip_ratio"], rtol=1e-12)
     assert found.table.index[0] == head.count("\n") + 1
+
+
+def test_cells_may_be_separated_by_any_number_of_spaces(tmp_path, monkeypatch):
+    """As `numpy.savetxt` and programs that align columns write them."""
+    monkeypatch.setattr("adhesion_jax.data.dialect._CHUNK", 100)
+    table = good().round(6).assign(day="24.11.2026", clock="08:00:00", rail="R 1")
+    table["clock"] = [f"08:00:{row:02d}" for row in range(40)]
+    aligned = table.drop(columns="rail").to_string(index=False)
+    numbers = io.StringIO()
+    np.savetxt(numbers, good(), header="slip_ratio adhesion")
+    texts = {
+        "aligned.txt": aligned,
+        "commas.dat": aligned.replace("0.", "0,") + "  \r\n",
+        "numpy.txt": numbers.getvalue(),
+        "logger.asc": "Logger 3000\n\n" + aligned.replace("\n", " \n"),
+        "quoted.dat": table.to_csv(index=False, sep=" ", quoting=1),
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        found = read_measured(tmp_path / name)
+        assert any("cells separated by spaces" in note for note in found.notes), name
+        np.testing.assert_allclose(found.table["slip_ratio"], good()["slip_ratio"], atol=1e-6)
+        np.testing.assert_allclose(found.table["adhesion"], good()["adhesion"], atol=1e-6)
+        if "time_s" in found.table:
+            np.testing.assert_array_equal(np.diff(found.table["time_s"]), 1)
+        else:
+            assert name == "numpy.txt"
+    (tmp_path / "ragged.dat").write_text(
+        f"{aligned}\n0.1 0.2\n" + 3 * "0.1 0.2 24.11.2026 8:00:00\n"
+    )
+    with pytest.raises(InputError, match="has 2 cells in row 42 where its header has 4 columns"):
+        read_measured(tmp_path / "ragged.dat")
 
 
 def test_names_that_stand_there_twice_are_told_apart_by_their_group(tmp_path):
