@@ -219,7 +219,7 @@ def in_shards(command: Callable[..., None]) -> Callable[..., None]:
         "--extend",
         type=click.IntRange(0, MOST_RUNS),
         default=0,
-        help="Number of runs to add to the job in the folder.",
+        help="Number of runs to add to the job in the folder, however many it has.",
     )
     resume = click.option(
         "--resume", is_flag=True, help="Compute what an interrupted job left over."

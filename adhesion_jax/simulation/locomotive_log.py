@@ -60,7 +60,7 @@ def dry(amount: float, course: LogCourse) -> np.ndarray:
 
 def falling(amount: float, course: LogCourse) -> np.ndarray:
     """(1 + w/w0)^-a, w the slip velocity in m/s, w0 = .2 m/s: steep at first, flat later."""
-    velocity = course.slip * course.columns["vehicle_speed_mps"]
+    velocity = np.abs(course.slip) * course.columns["vehicle_speed_mps"]
     return (1 + velocity / 0.2) ** -amount
 
 
@@ -194,16 +194,17 @@ def write_parquet(path: Path, log: LocomotiveLog) -> Iterator[int]:
 
 
 def truth_text(log: LocomotiveLog) -> str:
-    """What is behind the log, as JSON."""
+    """What is behind the log, as JSON; with effects the peak is that of the curve before them."""
     slip = _slip_opt(log.curve)
+    before = "_without_effects" if log.effects else ""
     events = [
         {"start_s": begin, "end_s": begin + length, "slip_above_micro_slip": top}
         for begin, length, top in np.round(log.events, 3).tolist()
     ]
     content = {
         "curve": {name: float(getattr(log.curve, name)) for name in ("c1", "c2", "c3")},
-        "slip_opt": slip,
-        "mu_max": float(burckhardt(log.curve, np.array(slip))),
+        f"slip_opt{before}": slip,
+        f"mu_max{before}": float(burckhardt(log.curve, np.array(slip))),
         "events": events,
         "effects": {name: EFFECTS[name][0] for name in log.effects},
         "noise": {

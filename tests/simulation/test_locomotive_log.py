@@ -97,6 +97,23 @@ def test_a_planted_effect_changes_adhesion_by_its_formula(table):
     assert other["tangential_force_N"][pulls].sum() / total == pytest.approx(expected, rel=1e-3)
 
 
+def test_falling_friction_makes_adhesion_smaller_in_braking_as_in_traction():
+    """By (1 + w/w0)^-a, w the size of the slip velocity."""
+    sizes = np.array([0.0, 0.02, 0.1])
+    speed = {"vehicle_speed_mps": np.full(3, 10.0)}
+    for sign in (1, -1):
+        course = room.LogCourse(sign * sizes, sizes > 1, speed)
+        np.testing.assert_allclose(room.falling(0.3, course), [1, 2**-0.3, 6**-0.3], rtol=1e-12)
+
+
+def test_the_peak_of_the_curve_is_not_told_as_that_of_the_rail_with_an_effect(drawn):
+    damp = locomotive_log(seed=3, effects=("humidity",), **HOUR)
+    plain, other = json.loads(truth_text(drawn)), json.loads(truth_text(damp))
+    for name in ("mu_max", "slip_opt"):
+        assert other[f"{name}_without_effects"] == plain[name]
+        assert name not in other
+
+
 def test_the_german_export_says_what_the_parquet_file_says(written):
     german = pd.read_csv(written / "log.csv", sep=";", decimal=",", encoding="cp1252")
     numbers = pd.read_parquet(written / "log.parquet")
