@@ -234,7 +234,8 @@ def guess(name: str, row_of_units: str = "") -> Guess:
         return Guess(name, row_of_units or COLUMNS[name].unit)
     stem, unit = named(name)
     unit = row_of_units or unit
-    word, number = plain(stem), -1
+    # The word for a unit may be a part of the name, as in `wheel rpm`.
+    word, number = plain(name if plain(name) in QUANTITIES else stem), -1
     indexed = _INDEXED.fullmatch(stem)
     # A numbered x is any variable: there is one position.
     if indexed and word not in _WORDS and plain(indexed[1]) != "x":

@@ -22,8 +22,8 @@ _ROWS, _BLOCKS = 200_000, 20
 #: The fewest blocks in which something happens whose scatter tells an error.
 _FEWEST_BLOCKS = 8
 
-#: A delay is clear where it exceeds one sample and this multiple of its standard error, and takes
-#: away this share of what the correlation at no delay leaves unexplained.
+#: A delay is clear where it exceeds one sample and this multiple of its standard error, and one by
+#: a correlation where it takes away this share of what that at no delay leaves unexplained.
 _ERRORS, _GAIN = 4.0, 0.02
 
 #: Slip is micro-slip, proportional to adhesion, where the adhesion is at most this share of its
@@ -45,9 +45,8 @@ class Delay(NamedTuple):
     clear: bool
 
     @classmethod
-    def told(cls, seconds: float, error: float, gain: float, step: float) -> "Delay":
-        """`gain` is the share of what is unexplained without the delay that it explains."""
-        return cls(seconds, error, abs(seconds) > max(step, _ERRORS * error) and gain > _GAIN)
+    def told(cls, seconds: float, error: float, step: float) -> "Delay":
+        return cls(seconds, error, abs(seconds) > max(step, _ERRORS * error))
 
 
 class Lateness(NamedTuple):
@@ -103,7 +102,8 @@ def best_lag(
     error = jackknife([_top(whole - one, most)[0] for one in sums])
     none = _correlation(whole)[most]
     gain = float((best**2 - none**2) / max(1 - none**2, 1e-12))
-    return Delay.told(lag * grid.step, error * grid.step, gain, grid.step)
+    found = Delay.told(lag * grid.step, error * grid.step, grid.step)
+    return found._replace(clear=found.clear and gain > _GAIN)
 
 
 def _products(
@@ -229,12 +229,7 @@ def _by_slip(grid: Grid, rolled: np.ndarray, rows: np.ndarray) -> tuple[Delay, f
     every = list(range(len(blocks)))
     fit = solved(every)
     without = [solved([other for other in every if other != one])[0] for one in every]
-    used = np.logical_or.reduce(blocks)
-    left = slip[used] - (terms[used] * size) @ fit
-    others = terms[used][:, 1:]
-    worse = slip[used] - others @ np.linalg.lstsq(others, slip[used], rcond=None)[0]
-    gain = 1 - float(left @ left) / max(float(worse @ worse), 1e-300)
-    return Delay.told(float(fit[0]), jackknife(without), gain, grid.step), float(fit[1])
+    return Delay.told(float(fit[0]), jackknife(without), grid.step), float(fit[1])
 
 
 def late_signals(

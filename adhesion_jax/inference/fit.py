@@ -222,14 +222,6 @@ class MeasuredFit(NamedTuple):
         return float(np.sqrt(self.plain / self.points))
 
     @property
-    def log_density(self) -> float:
-        """Of all parts, each given the others, less what the freedom of the departure costs.
-
-        The larger, the better the curve predicts the points, and the less it must bend to do so.
-        """
-        return float(np.sum(self.left_out)) - self.departure.occam
-
-    @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval of the largest adhesion by this curve, positive."""
         level = float(self.peak.adhesion)

@@ -20,6 +20,7 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.library.identify import Identification
 from adhesion_jax.library.results import columns_of, recorded, text_html, written
+from adhesion_jax.measured.answer import log_densities
 from adhesion_jax.options import NOISE
 from adhesion_jax.planning.plan import (
     FEWEST_SAMPLES,
@@ -262,7 +263,8 @@ def _best_with_peak(found: Identification) -> tuple[str, MeasuredFit]:
             f"{why if fits else none} So there is no mu_max to plan for; plan from a named rail, "
             "as --rail common."
         )
-    name = max(fits, key=lambda name: fits[name].log_density)
+    densities = log_densities(found.fits)
+    name = max(fits, key=lambda name: densities[name])
     return name, fits[name]
 
 

@@ -32,7 +32,8 @@ class Fits(NamedTuple):
     @property
     def best(self) -> str:
         """The name of that which predicts best what was left out of it."""
-        return max(self.curves, key=lambda name: self.curves[name].log_density)
+        densities = log_densities(self.curves)
+        return max(densities, key=lambda name: densities[name])
 
 
 def searched(
@@ -118,20 +119,43 @@ class Answer(NamedTuple):
     without_peak: float  # weight of the curves without a peak
 
 
-def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
-    """The one answer of several fits to the same points."""
-    usable = {
+def dependence(fits: Mapping[str, MeasuredFit]) -> float:
+    """How many dependent rows tell as much as one independent row, at least 1.
+
+    Of all curves, the one that leaves least of itself in the residual says it.
+    """
+    told = [fit.departure.inflation for fit in (_usable(fits) or fits).values()]
+    return max(min(told), 1.0)
+
+
+def log_densities(fits: Mapping[str, MeasuredFit]) -> Mapping[str, float]:
+    """Of all parts that were left out, less what the freedom of the departure costs.
+
+    The larger, the better a curve predicts the points, and the less it must bend to do so.
+    """
+    depend = dependence(fits)
+    return {
+        name: float(np.sum(fit.left_out)) / depend - fit.departure.occam
+        for name, fit in fits.items()
+    }
+
+
+def _usable(fits: Mapping[str, MeasuredFit]) -> dict[str, MeasuredFit]:
+    """The fits that an answer may rest on."""
+    return {
         name: fit
         for name, fit in fits.items()
         if np.all(np.isfinite(fit.left_out)) and fit.peak.adhesion > 0 and fit.mu_max_se < np.inf
     }
+
+
+def answered(fits: Mapping[str, MeasuredFit]) -> Answer:
+    """The one answer of several fits to the same points."""
+    usable = _usable(fits)
     if not usable:
         return Answer(dict.fromkeys(fits, 0.0), NOT_KNOWN, NOT_KNOWN, 1.0)
-    # Rows that depend on their neighbours tell less than they seem to: of all curves, the one that
-    # leaves least of itself in the residual says how much less.
-    depend = max(min(fit.departure.inflation for fit in usable.values()), 1.0)
     found = predictive_weights(
-        np.stack([fit.left_out for fit in usable.values()]) / depend,
+        np.stack([fit.left_out for fit in usable.values()]) / dependence(usable),
         np.array([fit.departure.occam for fit in usable.values()]),
     )
     weights = dict.fromkeys(fits, 0.0) | dict(zip(usable, found.tolist(), strict=True))

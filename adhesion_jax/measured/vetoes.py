@@ -158,11 +158,11 @@ def judged(
         found.append("Every parameter of the curve is held at a bound or has no influence.")
     if branches is not None and (branches.changed or branches.bent):
         found.append(_two_branches(branches))
-    if not any(found):
+    at_least, why = _reached(points, fit, answer) if not any(found) else (None, "")
+    if not any(found) and at_least is None:
         found += [_above(points, answer), _wide(answer)]
     vetoes = tuple(dict.fromkeys(filter(None, found)))
     single = rows.ordered and sweeps <= 1
-    at_least, why = _reached(points, fit, answer) if not vetoes else (None, "")
     return Judgement(vetoes, at_least, why, _ONE_SWEEP if single and not vetoes else "")
 
 
@@ -296,7 +296,10 @@ def _wide(answer: Answer) -> str:
 
 
 def _reached(points: Points, fit: MeasuredFit, answer: Answer) -> tuple[Estimate | None, str]:
-    """The largest adhesion among the points, where adhesion is not seen to fall behind it."""
+    """The largest adhesion among the points, where adhesion is not seen to fall behind it.
+
+    Nothing is told of it where its error is so large that it may be half of that.
+    """
     # The end of a long record is that of its true slips: noise of the slip reaches further.
     last = float(np.quantile(points.slip, 0.99)) - 2 * float(np.median(fit.slip_spread))
     last = max(last, 0.5 * float(points.slip.max()))
@@ -313,6 +316,8 @@ def _reached(points: Points, fit: MeasuredFit, answer: Answer) -> tuple[Estimate
     error = float(fit.errors(heights.by_parameter[top][None])[0][0])
     level = float(heights.adhesion[top])
     low = level * float(np.exp(-2.0 * error / max(level, 1e-300)))
+    if level > WIDEST * low:
+        return None, ""
     why = (
         f"Adhesion is not seen to fall up to the largest slip, {points.slip.max():.3g}"
         f"{fit.slip_unit}: the points reach {level:.4f} and do not show a peak, which may lie "

@@ -86,3 +86,35 @@ def test_the_noise_of_the_vehicle_speed_does_not_make_the_delay_smaller():
     time, vehicle, wheel, force = trip(2, seconds=900.0, vehicle_late=0.2, noise=(0.15, 0.01))
     found = lateness(time, vehicle, wheel, force, np.zeros(time.size, int))
     assert abs(found.seconds - 0.2) < min(4 * found.standard_error, 0.03)
+
+
+def trapezia(seed, late):
+    """Half an hour of trips of one kind: pull for 70 s, roll for 210 s, brake for 120 s."""
+    chance = np.random.default_rng(seed)
+    time = 0.1 * np.arange(18_000)
+    phase = time % 400
+    pull, roll = phase < 70, (phase >= 70) & (phase < 280)
+    change, slip = (
+        np.select([pull, roll], [0.35, -0.02], -0.2),
+        np.select([pull, roll], [0.012, 0]),
+    )
+    speed = np.empty(time.size)
+    now = 1.0
+    for row, by in enumerate(change):
+        now = float(np.clip(now + 0.1 * by, 0.0, 27.0))
+        speed[row] = now
+    slip = slip - 0.002 * (~pull & ~roll) + chance.normal(0, 0.0004, time.size)
+    noise = chance.normal(0, [[0.01], [0.01], [0.005]], (3, time.size))
+    vehicle = np.interp(time - late, time, speed) + noise[0]
+    moving = speed > 0.5
+    measured = time, vehicle, speed * (1 + slip) + noise[1], 25 * slip + noise[2]
+    return *(one[moving] for one in measured), np.zeros(moving.sum(), int)
+
+
+def test_a_late_speed_is_found_where_the_train_mostly_rolls():
+    """At a small force it then hardly accelerates, and noise is most of dv/dt."""
+    for seed in range(4):
+        found = lateness(*trapezia(seed, 0.5))
+        assert found.clear
+        assert found.seconds == pytest.approx(0.55, abs=0.1)
+        assert not lateness(*trapezia(seed, 0.0)).clear

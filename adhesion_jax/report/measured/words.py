@@ -16,7 +16,7 @@ from adhesion_jax.inference.fit import MeasuredFit
 from adhesion_jax.inference.noise import SlipNoise
 from adhesion_jax.inference.sandwich import COSINES
 from adhesion_jax.inference.weighing import EXACT
-from adhesion_jax.measured.answer import Answer, Estimate
+from adhesion_jax.measured.answer import Answer, Estimate, dependence, log_densities
 from adhesion_jax.measured.comparison import Comparison
 from adhesion_jax.measured.groups import Group
 from adhesion_jax.measured.residual import Residual
@@ -76,7 +76,8 @@ class Identified:
     @property
     def ranked(self) -> list[str]:
         """The names of the curves, the one that predicts best what was left out first."""
-        return sorted(self.fits, key=lambda name: -self.fits[name].log_density)
+        densities = log_densities(self.fits)
+        return sorted(self.fits, key=lambda name: -densities[name])
 
     @property
     def best(self) -> str:
@@ -93,7 +94,8 @@ def verdict(found: Identified) -> Sections:
     """The verdict in sentences under titles: what forbids an answer comes first."""
     ranked, fits, best, left = found.ranked, found.fits, found.fit, found.residuals[found.best]
     second = fits[ranked[min(1, len(ranked) - 1)]]
-    by_part = best.left_out - second.left_out
+    by_part = (best.left_out - second.left_out) / dependence(fits)
+    occam = best.departure.occam - second.departure.occam
     departure, at_slip = _departure(best)
     table = found.measured.table
     slips, adhesion = table[found.measured.slip], table["adhesion"]
@@ -109,7 +111,7 @@ def verdict(found: Identified) -> Sections:
         "apart": int((slips * adhesion < 0).sum()),
         "departure": departure,
         "at_slip": at_slip,
-        "gain": best.log_density - second.log_density,
+        "gain": float(np.sum(by_part)) - occam,
         "gain_se": float(np.sqrt(by_part.size) * np.std(by_part)),
         "weights": weights_of(found.answer),
         "exact_fit": best.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)),
@@ -205,6 +207,7 @@ def curve_rows(found: Identified) -> pd.DataFrame:
     (misfit, relative), and the degrees of freedom of the interval.
     """
     rows: list[dict[str, object]] = []
+    densities = log_densities(found.fits)
     for name, fit in found.fits.items():
         mu_max, (low, high) = float(fit.peak.adhesion), fit.interval
         one: dict[str, object] = {
@@ -217,7 +220,7 @@ def curve_rows(found: Identified) -> pd.DataFrame:
             "mu_max_hi": high,
             "status": f"{fit.status.name}: {' '.join(reasons(fit))}",
             "weight": found.answer.weights[name],
-            "log_density": fit.log_density,
+            "log_density": densities[name],
             "sigma": fit.noise.sigma,
             "autocorrelation": fit.noise.autocorrelation,
             "run_scatter": fit.noise.run_scatter,
@@ -273,7 +276,7 @@ def _with_error(value: float, error: float) -> str:
 
 def printed_table(found: Identified) -> str:
     """The curves, the one that predicts best first, aligned for a terminal."""
-    most = found.fit.log_density
+    densities = log_densities(found.fits)
     summary, parameters = [], []
     for name in found.ranked:
         fit = found.fits[name]
@@ -288,7 +291,7 @@ def printed_table(found: Identified) -> str:
                 "curve": name,
                 "rms": f"{fit.rms:.5f}",
                 "departure": f"{100 * fit.misfit:.1f} %",
-                "log density": f"{fit.log_density - most:.1f}",
+                "log density": f"{densities[name] - densities[found.best]:.1f}",
                 "weight": f"{found.answer.weights[name]:.2f}",
                 "peak at slip": slip_opt,
                 "mu_max": f"{float(fit.peak.adhesion):.4f} [{low:.4f}, {high:.4f}]",
