@@ -178,6 +178,7 @@ def _used(
     rows.bridged(there)
     rows.without_gaps(there, few)
     of_gaps = tuple(rows.notes)
+    rows.updated()
     numbers = rows.numbers
     for name, value in found.constants.items():
         numbers[name] = np.full(rows.count, value)

@@ -8,7 +8,15 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.stretches import GAP_S, going_on, longest_step, series_of, stretches
+from adhesion_jax.data.speeds import ACCELERATION, between_updates, dropouts, held_for
+from adhesion_jax.data.stretches import (
+    GAP_S,
+    going_on,
+    longest_step,
+    series_of,
+    stretches,
+    usual_step,
+)
 from adhesion_jax.data.understanding import Taken
 from adhesion_jax.errors import InputError
 from adhesion_jax.wording import listed, number, percent
@@ -27,8 +35,8 @@ _BY_THE_DATA = ("slip_ratio", "adhesion")
 _LIFTED = 0.01
 _LOADS = ("normal_load_N", "axle_load_N", "locomotive_load_N")
 
-#: No wheel gains or loses speed faster, in m/s^2: 70 kN turn a wheelset of 420 kg m2 with 60.
-_ACCELERATION = 60.0
+#: What tells how a wheel turns.
+_WHEELS = ("wheel_speed_mps", "wheel_rotation_radps")
 
 #: A leap exceeds the usual step from row to row this many times. By hand.
 _LEAP = 20.0
@@ -263,8 +271,32 @@ class Rows:
             wrong = ~np.isfinite(values) | _outside(values, name)
             self.leave(wrong, f"{name} comes out beyond what it is in the others", values)
 
+    def updated(self) -> None:
+        """Puts a train speed that is held over several rows on straight lines."""
+        wheels = [self.numbers[name] for name in _WHEELS if name in self.numbers]
+        if not wheels or not {"vehicle_speed_mps", "time_s"} <= {*self.numbers}:
+            return
+        speed, time = self.numbers["vehicle_speed_mps"], self.numbers["time_s"]
+        held = held_for(speed, wheels[0], self.series)
+        if held:
+            self.numbers["vehicle_speed_mps"] = between_updates(speed, time, self.series)
+            self.notes.append(
+                f"The train speed changes every {number(held * usual_step(time, self.series))} s, "
+                "and that of the wheel in the rows between too: a straight line is taken between "
+                "the rows in which the train speed changes."
+            )
+
     def without_leaps(self) -> None:
         """Keeps the rows in which the speed of the wheel does not leap for one row."""
+        if {"slip_velocity_mps", "vehicle_speed_mps", "time_s"} <= {*self.numbers}:
+            slip, speed = self.numbers["slip_velocity_mps"], self.numbers["vehicle_speed_mps"]
+            self.leave(
+                dropouts(slip, speed, self.numbers["time_s"], self.series),
+                "the wheel stands and turns again sooner than a wheel can be braked, as where its "
+                "signal drops out",
+                slip,
+                " m/s",
+            )
         if {"slip_velocity_mps", "time_s"} <= {*self.numbers}:
             slip = self.numbers["slip_velocity_mps"]
             self.leave(
@@ -287,7 +319,7 @@ def leaps(slip_mps: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> np.nd
     steps, within = np.diff(slip_mps), np.diff(series) == 0
     usual = float(np.median(np.abs(_some(steps)))) if steps.size else 0.0
     least = max(_nine_in_ten(slip_mps), _LEAP * usual)
-    far = within & (np.abs(steps) > np.maximum(least, _ACCELERATION * np.diff(time_s)))
+    far = within & (np.abs(steps) > np.maximum(least, ACCELERATION * np.diff(time_s)))
     up = np.where(far, np.sign(steps), 0.0)
     here, there = np.append(0.0, up), np.append(-up, 0.0)  # by how it differs from either side
     first, last = np.append(True, ~within), np.append(~within, True)

@@ -10,7 +10,7 @@ import pytest
 
 from adhesion_jax.data import check_curve, read_all, read_measured, to_measured
 from adhesion_jax.data.cells import decimal_mark, form_of, numbers, seconds, stamps, unwrapped
-from adhesion_jax.data.columns import COLUMNS, conversion, guess, named
+from adhesion_jax.data.columns import COLUMNS, Guess, conversion, guess, named
 from adhesion_jax.errors import InputError
 
 
@@ -64,6 +64,12 @@ def test_units_are_those_of_the_tables(unit, wanted, factor, offset):
 )
 def test_what_is_no_unit_of_a_quantity_converts_to_nothing(unit, wanted):
     assert conversion(unit, wanted) is None
+
+
+def test_a_name_may_hold_the_word_for_its_unit():
+    assert guess("wheel rpm") == Guess("wheel_rotation_radps", "rpm")
+    assert guess("axle rpm").quantity == "wheel_rotation_radps"
+    assert guess("tractive effort per axle [kN]") == Guess("axle_force_N", "kN")
 
 
 def test_every_quantity_has_a_unit_that_is_known():

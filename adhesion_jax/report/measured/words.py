@@ -42,6 +42,9 @@ _LIKENESS = 2.0
 #: Least weight at which a curve is named as part of the answer.
 _LEAST_NAMED = 0.005
 
+#: Slip and adhesion are beyond their noise from this multiple of its standard deviation on.
+_FAR = 4
+
 #: Curves are told apart if their log densities differ by this multiple of its standard error.
 _APART = 2.0
 
@@ -99,6 +102,8 @@ def verdict(found: Identified) -> Sections:
     departure, at_slip = _departure(best)
     table = found.measured.table
     slips, adhesion = table[found.measured.slip], table["adhesion"]
+    spread = _FAR * float(np.median(best.slip_spread))
+    beyond = (adhesion.abs() > _FAR * best.noise.sigma) & (slips.abs() > spread)
     mixed = different_rails(None, {}, found.mixed)
     told = {
         **vars(found),
@@ -109,6 +114,7 @@ def verdict(found: Identified) -> Sections:
         "warnings": [*filter(None, [mixed, found.judgement.warning])],
         "braking": int(((slips < 0) & (adhesion < 0)).sum()),
         "apart": int((slips * adhesion < 0).sum()),
+        "beyond_noise": int(((slips * adhesion < 0) & beyond).sum()),
         "departure": departure,
         "at_slip": at_slip,
         "gain": float(np.sum(by_part)) - occam,
@@ -126,6 +132,7 @@ def verdict(found: Identified) -> Sections:
         "slight": _SLIGHT,
         "most_alike": _LIKENESS,
         "apart_errors": _APART,
+        "far": _FAR,
     }
     return sections_of("identify.txt", **told)
 
