@@ -18,6 +18,7 @@ import adhesion_jax as aj
 from adhesion_jax.command_line import identify as identify_command
 from adhesion_jax.command_line.command import run
 from adhesion_jax.errors import InputError
+from adhesion_jax.measured.answer import answered, dependence, log_densities
 
 #: Three curves are enough for what is tested here, and half as long to fit as all.
 CURVES = ("kiencke", "burckhardt", "exponential")
@@ -366,3 +367,20 @@ def test_the_surfaces_under_a_robot_differ():
     assert found.comparison.changed or found.comparison.bent
     for group in found.groups.values():
         assert group.status or group.mu_max.high <= 2 * group.mu_max.low
+
+
+def test_the_curve_of_most_weight_is_named_as_the_best_where_rows_depend_on_each_other():
+    """Of rows of which ten tell as much as one, a gain of density counts as a tenth of it."""
+    fits = of_form("slow_level_noisy_slip").fits
+    plain, bent = sorted(
+        (fits[name] for name in ("burckhardt", "exponential")), key=lambda fit: fit.departure.occam
+    )
+    assert dependence({"plain": plain, "bent": bent}) > 5
+    costs = bent.departure.occam - plain.departure.occam
+    assert costs > 0
+    more = plain.left_out + 2 * costs / plain.left_out.size
+    both = {"plain": plain, "bent": bent._replace(left_out=more)}
+    densities = log_densities(both)
+    weights = answered(both).weights
+    assert weights["plain"] > weights["bent"]
+    assert densities["plain"] > densities["bent"]
