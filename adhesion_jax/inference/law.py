@@ -216,7 +216,8 @@ class LawPeak(NamedTuple):
 def peak_of(law: FittedLaw, limit: float) -> LawPeak:
     """By a grid that is dense where the curve rises, then by parabolas through three points.
 
-    Without a peak within the limit it is the adhesion there, as for a curve that becomes level.
+    Without a peak within the limit it is the adhesion there, as for a curve that becomes level. A
+    peak among the points counts, whether or not the law rises higher where there are none.
     """
     middle = min(5 * law.span.reach, 0.5 * limit)
     even = np.linspace(0.0, 1.0, _GRID) * limit / (limit + middle)
@@ -224,6 +225,9 @@ def peak_of(law: FittedLaw, limit: float) -> LawPeak:
     found = law.at(slips)
     adhesion, slopes = found.adhesion, found.by_parameter
     heights = np.where(np.isfinite(adhesion), adhesion, -np.inf)
+    within = int(np.searchsorted(slips, law.span.largest, side="right"))
+    if np.argmax(heights[:within]) < within - 1:
+        heights = heights[:within]
     top = int(np.argmax(heights))
     near = slice(max(top - 1, 0), top + 2)
     level = heights[top] - _LEVEL * abs(heights[top])

@@ -7,7 +7,7 @@ from stranger_runs import STRANGERS, autoregression
 
 from adhesion_jax.data.plausible import exchanged
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.measured.vetoes import Points, passages, shifted
+from adhesion_jax.measured.vetoes import Points, independent_of_slip, passages, shifted
 
 STEP = 0.1
 
@@ -75,3 +75,15 @@ def test_passages_of_a_slip_are_counted(runs, back, count):
     points, rows = record(np.random.default_rng(5), runs, 80, back=back)
     noisy = points._replace(slip=points.slip + np.random.default_rng(6).normal(0, 4e-4, 80 * runs))
     assert passages(points, rows) == passages(noisy, rows) == count
+
+
+def test_rows_of_three_rails_are_not_said_to_show_no_dependence_on_slip():
+    """Their scatter is large at the peak, and small where adhesion rises from 0."""
+    chance = np.random.default_rng(3)
+    slip = np.abs(chance.normal(0, 0.08, 1200))
+    level = np.repeat([0.31, 0.19, 0.08], 400)
+    shape = 2 * (slip / 0.03) / (1 + (slip / 0.03) ** 2)
+    adhesion = level * shape + 0.005 * chance.normal(size=1200)
+    assert independent_of_slip(as_points(slip, adhesion)) == ""
+    flat = level + 0.005 * chance.normal(size=1200)
+    assert "show no dependence on slip" in independent_of_slip(as_points(slip, flat))

@@ -267,6 +267,21 @@ def test_a_curve_that_becomes_level_has_no_peak_and_one_that_falls_a_little_has(
         assert peak.adhesion == pytest.approx(c1 * (1 - np.exp(-c2 * slip)) - c3 * slip, rel=1e-6)
 
 
+def test_a_peak_among_the_points_counts_where_the_law_rises_higher_beyond_them():
+    curve, factors = CURVES["magic-formula"], np.append(0.2, np.zeros(FUNCTIONS - 1))
+    parameters = np.append([100.0, 2.4, 0.3, 1.02], factors)
+    law = FittedLaw(curve, parameters, Span(0.01, 0.1), {})
+    heights = law.at(np.linspace(0.0, 1.0, 100_001)).adhesion
+    first = int(heights[:10_000].argmax())
+    assert heights.argmax() > 40_000  # the second hump
+    peak = peak_of(law, 1.0)
+    assert peak.found
+    assert peak.slip == pytest.approx(first * 1e-5, abs=2e-5)
+    assert peak.adhesion == pytest.approx(heights[first], rel=1e-6)
+    among = law._replace(span=Span(0.01, 0.6))
+    assert peak_of(among, 1.0).slip > 0.2
+
+
 def test_points_without_a_fall_tell_what_is_reached_at_least(tmp_path):
     slip = np.linspace(0.001, 0.015, 163)
     record = drawn(CURVES["burckhardt"], slip, 0.0005, seed=2)
