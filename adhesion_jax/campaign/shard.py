@@ -173,6 +173,8 @@ def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequen
     one = found[name]
     # A gap to the exact optimum is a failure only if the optimum is known and minimised.
     fits, none = job.methods[name].FITS_LAST_RECORD, np.zeros_like(one.objective)
+    # A method may leave out other quantities than the one that is asked for first.
+    lost = ~np.isfinite(one.values[job.scenario.known.asked[0]])
     optimum = found.get(REFERENCE, one) if fits else one
     values, errors, robust = (
         np.stack([of[quantity] for quantity in quantities], axis=-1)
@@ -183,7 +185,7 @@ def _outcome(job: Job, name: str, found: Mapping[str, Found], quantities: Sequen
         standard_errors=errors,
         robust=stdtrit(COSINES, 0.975) * robust,
         on_box=one.on_box,
-        unusable=np.isin(one.status, _UNUSABLE),
+        unusable=np.isin(one.status, _UNUSABLE) | lost,
         objective=one.objective if fits else none,
         optimum=optimum.objective if fits else none,
         optimum_on_box=optimum.on_box,

@@ -149,15 +149,26 @@ def opened(
     """The folder of the shards of some jobs of a command, of this process alone.
 
     What an earlier job has left is removed or, if asked, resumed: InputError if that was another
-    job, or if another process computes in the folder. The runs are `extend` more than the earlier
-    job had.
+    job, if another process computes in the folder, or if a job has more shards than can be
+    resumed. The runs are `extend` more than the earlier job had.
     """
+    for job in jobs:
+        if job.shards > _MOST_SHARDS:
+            raise InputError(
+                f"--runs {job.runs} of {job.name} are {job.shards} shards, and a folder holds "
+                f"{_MOST_SHARDS}; ask for fewer runs."
+            )
     folder = directory / FOLDER
     folder.mkdir(exist_ok=True)
     try:
         with FileLock(folder / _LOCK, timeout=1):
             try:
                 before, asked = recorded(directory), record_of(command, jobs)
+                if resume and before is None and any(folder.glob("*.npz")):
+                    raise InputError(
+                        f"--out {directory} holds shards, and {FOLDER}/{_JOB} there does not say "
+                        "of which job; name another folder, or leave --resume out to replace them."
+                    )
                 _clear(folder, PARTIAL)
                 if before is None or not resume:
                     _clear(folder, "")

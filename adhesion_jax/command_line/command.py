@@ -282,9 +282,14 @@ class Names(Name):
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         if isinstance(value, tuple):
             return value
-        return tuple(
+        named = tuple(
             super(Names, self).convert(name.strip(), param, ctx) for name in value.split(",")
         )
+        own: dict[str, Part] = {}
+        for one in named:
+            if isinstance(one, Part) and own.setdefault(one.name, one).source != one.source:
+                raise InputError(f"{own[one.name]} and {one} have one name; rename one of them.")
+        return named
 
     def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
         before, comma, begun = incomplete.rpartition(",")

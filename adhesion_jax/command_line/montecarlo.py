@@ -138,10 +138,7 @@ def main(scenario: Any, identifiers: tuple[Any, ...] | None, **asked: Any) -> No
     from adhesion_jax.library.montecarlo import montecarlo
     from adhesion_jax.report.montecarlo.tables import told
     from adhesion_jax.runtime import CORES
-    from adhesion_jax.scenarios import SCENARIOS
 
-    if scenario not in (None, ALL, *KNOWN.scenarios):  # of the user's own, known only now
-        check(scenario, declared(SCENARIOS[scenario]), Options(**asked))
     job["workers"] = job["workers"] or CORES
     found = montecarlo(scenario, names or None, **job, **asked)
     record(job["out"])

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import betainc
 from jaxtyping import Array, Float, PRNGKeyArray
 
@@ -26,6 +27,9 @@ from adhesion_jax.optim.least_squares import Result
 from adhesion_jax.optim.variable_projection import Jet, Solution, Sums, summarise
 from adhesion_jax.records import Known, Record
 
+#: A box of c2 is too wide where the series of an exponential, at most 1, err by more than this.
+_MOST_ERROR = 1e-6
+
 
 def needs_burckhardt(known: Known) -> str | None:
     """None, or the reason why what is known does not have this form."""
@@ -33,8 +37,21 @@ def needs_burckhardt(known: Known) -> str | None:
     if known.by_sample:
         return needs_blocks(known)
     if type(curve) is Burckhardt and curve.free == ("c1", "c2", "c3"):
-        return None
+        return _too_wide(known)
     return "it is written for Burckhardt's curve with c1, c2 and c3 unknown"
+
+
+def _too_wide(known: Known) -> str | None:
+    """None, or the reason why the series in c2 do not carry the box: phi^2 has exp(-2 c2 |l|)."""
+    low, high, limit = float(known.lower[1]), float(known.upper[1]), float(known.slip_limit)
+    x = np.geomspace(1 / high, 2 * limit, 100)
+    error = variable_projection.series_error(lambda c2: np.exp(-c2[:, None] * x), low, high)
+    if error <= _MOST_ERROR:
+        return None
+    return (
+        f"its series are not exact for all c2 from {low:g} to {high:g} and slips up to {limit:g}; "
+        "give c2 a smaller range"
+    )
 
 
 def burckhardt_sums(known: Known, record: Record) -> Sums:

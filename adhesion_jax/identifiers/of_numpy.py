@@ -27,6 +27,9 @@ _Floats = NDArray[np.float64]
 #: What a method of a user's own gives: numbers by name, if it is right.
 _Told = Any
 
+#: The memory after a record, and what tells then.
+_After = tuple[_Floats, Callable[[], _Told]]
+
 #: What a solver raises where it finds nothing (`scipy.optimize.curve_fit`, `numpy.linalg`).
 _FAILURES = (RuntimeError, ArithmeticError, ValueError)
 
@@ -107,8 +110,8 @@ class _OfBlocks:
     found: Callable[[_Floats, _Floats], _Told]
     first: ClassVar[_Floats] = np.zeros(1)
 
-    def after(self, memory: _Floats, block: _Floats, _: _Floats) -> tuple[_Floats, _Told]:
-        return memory, self.found(*block)
+    def after(self, memory: _Floats, block: _Floats, _: _Floats) -> _After:
+        return memory, partial(self.found, *block)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +128,11 @@ class _OfSamples:
     def first(self) -> _Floats:
         return self._packing.packed(self._packing.first)
 
-    def after(self, memory: _Floats, _: _Floats, fresh: _Floats) -> tuple[_Floats, _Told]:
+    def after(self, memory: _Floats, _: _Floats, fresh: _Floats) -> _After:
         now = self._packing.unpacked(memory)
         for sample in fresh.T.tolist():
             now = self.found.update(now, *sample)
-        return self._packing.packed(now), self.found.estimate(now)
+        return self._packing.packed(now), partial(self.found.estimate, now)
 
 
 class _Found(NamedTuple):
@@ -148,8 +151,8 @@ class OfNumpy(Identifier):
 
     It gives numbers by name: mu_max and slip_opt, and if it likes parameters of the curve that is
     asked for; NAME_se is the standard error of one. What it does not give is NaN. Where it raises
-    what solvers raise, or gives no finite mu_max, the record counts as a failure, and its memory
-    and the values before stay.
+    what solvers raise, or gives no finite mu_max, the record counts as a failure, and the values
+    before stay; where `update` raises, the memory does, too.
     """
 
     told: str = eqx.field(static=True)
@@ -215,7 +218,8 @@ class OfNumpy(Identifier):
         *measured, mask, fresh = points
         block, new = (np.stack(measured)[:, chosen > 0] for chosen in (mask, fresh))
         try:
-            memory, found = self.own.after(memory, block, new)
+            memory, tell = self.own.after(memory, block, new)
+            found = tell()
             numbers = [[found.get(f"{n}{end}", np.nan) for n in names] for end in ("", "_se")]
             return memory, np.array(numbers, float)
         except _FAILURES:
@@ -261,7 +265,7 @@ def of_numpy(told: str, found: Any) -> OfNumpy:
             own = _OfSamples(found() if inspect.isclass(found) else found)
         slip = np.linspace(0.001, 0.15, 200)
         points = np.stack([slip, 0.4 * (1 - np.exp(-60 * slip)) - 0.5 * slip])
-        right = np.isfinite(float(own.after(own.first, points, points)[1]["mu_max"]))
+        right = np.isfinite(float(own.after(own.first, points, points)[1]()["mu_max"]))
     except Exception as error:  # of whatever the method does
         raise InputError(_words(told, found, error)) from error
     if not right:

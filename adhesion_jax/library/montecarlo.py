@@ -216,6 +216,10 @@ def montecarlo(
     began = time.perf_counter()
     given = {name: value for name, value in options.items() if value is not None}
     whole = Options(**given) if scenario in SEVERAL else _options(str(scenario), given)
+    if keep not in ("checkpoints", "all"):
+        raise InputError(f"keep is checkpoints or all, not {keep!r}.")
+    if out is None and (resume or extend or cluster):
+        raise InputError("resume, extend and cluster are for a job in a folder; name it as out.")
     check_numbers(runs, workers, seed)
     named = {} if identifiers is None else methods_named(identifiers)
     methods = {**IDENTIFIERS, **named}

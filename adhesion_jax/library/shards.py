@@ -32,10 +32,11 @@ _PAUSE = 0.5
 
 def check_numbers(runs: int, workers: int, seed: int, fewest: int = 1, seeds: int = 1) -> None:
     """InputError where a number of runs or workers, or the first of some seeds, cannot be."""
-    if not fewest <= runs <= MOST_RUNS or workers < 1 or not 0 <= seed <= 2**32 - seeds:
+    right = fewest <= runs <= MOST_RUNS and workers >= 1 and 0 <= seed <= 2**32 - seeds
+    if not right or any(number % 1 for number in (runs, workers, seed)):
         raise InputError(
             f"runs are from {fewest} to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
-            f"2**32 - {seeds}."
+            f"2**32 - {seeds}, whole numbers all."
         )
 
 

@@ -27,7 +27,7 @@ class Outcome(NamedTuple):
     standard_errors: Array
     robust: Array  # half widths of 95 % intervals that hold whatever noise and misfit, or NaN
     on_box: NDArray[np.bool_]
-    unusable: NDArray[np.bool_]  # whether the status is no peak, inadmissible or not finite
+    unusable: NDArray[np.bool_]  # no peak, inadmissible or not finite, by status or value
     objective: Array
     optimum: Array  # objective of the exact maximum likelihood on the same data
     optimum_on_box: NDArray[np.bool_]  # whether that optimum lies on the box
@@ -50,15 +50,15 @@ def run_statistics(
 ) -> Mapping[str, Array]:
     """The statistics of each run, averaged over `blocks`; their means over runs are the metrics.
 
-    Failures are part of every mean; a quantity of which no standard error is ever given has no
-    coverage. `switched` is the stretch whose delay belongs to the row; without one it is NaN.
+    Failures are part of every mean. Beside a coverage stands the share of estimates that have a
+    standard error. `switched` is the stretch whose delay belongs to the row; without one it is NaN.
     """
     b = list(blocks)
     error = outcome.values[:, b] - truth.values[b]
 
-    def covered(half_width: Array) -> Array:
-        has_errors = np.isfinite(half_width).any(axis=(0, 1))
-        return np.where(has_errors, (np.abs(error) <= half_width).mean(axis=1), np.nan)
+    def covered(name: str, half_width: Array) -> dict[str, Array]:
+        held, given = np.abs(error) <= half_width, np.isfinite(half_width)
+        return {name: held.mean(axis=1), f"{name}_given": given.mean(axis=1)}
 
     gap = outcome.objective[:, b] - outcome.optimum[:, b]
     failed = outcome.unusable[:, b] | ~(gap <= FAILURE_GAP * truth.sigma**2 + _ROUNDING)
@@ -67,8 +67,8 @@ def run_statistics(
         "error": error.mean(axis=1),
         "squared_error": (error**2).mean(axis=1),
         "squared_bound": (truth.bound[:, b] ** 2).mean(axis=1),
-        "covered": covered(truth.quantile[b][:, None] * outcome.standard_errors[:, b]),
-        "covered_robust": covered(outcome.robust[:, b]),
+        **covered("covered", truth.quantile[b][:, None] * outcome.standard_errors[:, b]),
+        **covered("covered_robust", outcome.robust[:, b]),
         "on_box": outcome.on_box[:, b].mean(axis=1),
         "optimum_on_box": outcome.optimum_on_box[:, b].mean(axis=1),
         "failed": failed.mean(axis=1),
@@ -82,8 +82,9 @@ def table_rows(
 ) -> dict[str, Any]:
     """The columns of a table with one row for each quantity, in the unit of the quantity.
 
-    `delay_steps` is the mean delay after a switch in steps: samples of a stream, or blocks.
-    `seconds` are the moments of the time of one identification, over parts of the runs.
+    A quantity of which no standard error is ever given has no coverage. `delay_steps` is the mean
+    delay after a switch in steps: samples of a stream, or blocks. `seconds` are the moments of
+    the time of one identification, over parts of the runs.
     """
     rmse = np.sqrt(moments.mean("squared_error"))
     rmse_se = moments.standard_error("squared_error") / (2 * np.where(rmse > 0, rmse, np.nan))
@@ -92,6 +93,12 @@ def table_rows(
     # An estimate is truncated if the optimum lies on the box, even if the solver stopped inside.
     truncated = max(share, float(moments.mean("optimum_on_box")))
     comparable = (bound > 0) & (truncated <= _BOX_SHARE)
+
+    def coverage(name: str) -> Array:
+        told = [moments.mean(name), moments.standard_error(name)]
+        return np.where(moments.mean(f"{name}_given") > 0, told, np.nan)
+
+    plain, robust = coverage("covered"), coverage("covered_robust")
     with np.errstate(divide="ignore", invalid="ignore"):
         efficiency = np.where(comparable, rmse / bound, np.nan)
         efficiency_se = np.where(comparable, rmse_se / bound, np.nan)
@@ -105,10 +112,10 @@ def table_rows(
         "crlb": bound,
         "rmse_over_crlb": efficiency,
         "rmse_over_crlb_se": efficiency_se,
-        "coverage95": moments.mean("covered"),
-        "coverage95_se": moments.standard_error("covered"),
-        "coverage95_robust": moments.mean("covered_robust"),
-        "coverage95_robust_se": moments.standard_error("covered_robust"),
+        "coverage95": plain[0],
+        "coverage95_se": plain[1],
+        "coverage95_robust": robust[0],
+        "coverage95_robust_se": robust[1],
         "at_bound_share": share,
         "at_bound_share_se": float(moments.standard_error("on_box")),
         "failure_share": float(moments.mean("failed")),

@@ -9,7 +9,7 @@ of two sets of data add up.
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +19,8 @@ from numpy.polynomial.chebyshev import chebvander
 
 from adhesion_jax.optim.arrays import Count, Value, Whether
 from adhesion_jax.optim.quadratic_program import Products, bounded_pair
+
+N = TypeVar("N", float, Array)
 
 #: For phi = 1 - exp(-nu x), x <= 1 and nu in [1, 50] the truncated series is exact to 2e-13, which
 #: would take 54 terms in nu and 40 in its root.
@@ -336,7 +338,20 @@ def _polynomials(
     return value, slope, 2 * half_bend
 
 
-def _map(nu_lower: Array, nu_upper: Array) -> tuple[Array, Array, Array]:
+def series_error(
+    function: Callable[[np.ndarray], np.ndarray], nu_lower: float, nu_upper: float
+) -> float:
+    """The largest error on the grid of the series of a function of nu, [nu, ...]."""
+    low, high, bend = _map(nu_lower, nu_upper)
+
+    def at(x: np.ndarray) -> np.ndarray:
+        share = 0.5 * (low + high) + 0.5 * (high - low) * x
+        return function(bend * share / (1 - share))
+
+    return float(np.abs(_TO_GRID @ (_TO_SERIES @ at(_NODES)) - at(_GRID_POINTS)).max())
+
+
+def _map(nu_lower: N, nu_upper: N) -> tuple[N, N, N]:
     """Of the map nu/(nu + s): its values at both ends, and s."""
     bend = _BEND_OF_MAP * nu_upper
     return nu_lower / (nu_lower + bend), nu_upper / (nu_upper + bend), bend

@@ -69,7 +69,10 @@ class Change(eqx.Module):
     period: Period = eqx.field(default=500.0, static=True)
 
     def course(self, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """The height of the peak and its slip over those of the rail before, at each sample."""
+        """The height of the peak and its slip over those of the rail before, at each sample.
+
+        InputError where no adhesion is left.
+        """
         sample, last = np.arange(points), points - 1
         lost = self.fall * sample / last
         if self.recovery:
@@ -77,7 +80,13 @@ class Change(eqx.Module):
             left = np.exp(-np.maximum(since, 0) / self.recovery)
             lost = np.where(since < 0, 0.0, self.fall * left)
         wave = self.wave * np.sin(2 * np.pi * sample / self.period)
-        return 1 - lost + wave, 1 + self.shift * sample / last
+        level = 1 - lost + wave
+        if level.min() <= 0:
+            raise InputError(
+                f"--fall {self.fall:g} and --wave {self.wave:g} leave {level.min():.2g} of the "
+                "adhesion of the rail, which must stay above 0; make one of them smaller."
+            )
+        return level, 1 + self.shift * sample / last
 
 
 def steady(

@@ -23,6 +23,7 @@ from adhesion_jax.campaign.shard import content
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import staged
 from adhesion_jax.identifiers import ABLATIONS, Estimate, Identifier
+from adhesion_jax.identifiers.ml_exact import ExactMaximumLikelihood
 from adhesion_jax.metrics.accuracy import Outcome, Truth, run_statistics, table_rows
 from adhesion_jax.metrics.information import cramer_rao_bound, quantities, quantity_names
 from adhesion_jax.metrics.moments import Moments
@@ -154,6 +155,27 @@ def test_a_gap_that_is_not_a_number_is_a_failure():
     outcome, truth = hand_made()
     broken = outcome._replace(objective=np.full((2, 4), np.nan))
     assert run_statistics(broken, truth, (0,), None)["failed"].tolist() == [1.0, 1.0]
+
+
+class NanWhereHigh(ExactMaximumLikelihood):
+    """It says NaN with the status of a good estimate."""
+
+    FITS_LAST_RECORD: ClassVar[bool] = False
+
+    def estimate(self, state):
+        found = super().estimate(state)
+        mu_max = found.values["mu_max"]
+        lost = jnp.where(mu_max > 0.78, jnp.nan, mu_max)
+        return found._replace(values={**found.values, "mu_max": lost})
+
+
+def test_an_estimate_that_is_not_a_number_is_a_failure_whatever_its_status():
+    config = Config("single", ("mine",), Options(points=40), 64)
+    rows = []
+    campaign = run_campaign(config, rows.append, lambda _: None, 1, {"mine": NanWhereHigh()})
+    lost = pd.concat(rows)["mu_max"].isna().mean()
+    assert 0.1 < lost < 0.9
+    assert campaign.tables["summary"]["failure_share"].iloc[0] == pytest.approx(lost)
 
 
 def test_keys_depend_on_seed_scenario_run_and_for_solvers_on_the_name():

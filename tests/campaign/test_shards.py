@@ -335,3 +335,27 @@ def test_two_jobs_do_not_write_to_one_folder(tmp_path):
 def test_a_folder_without_shards_is_begun_afresh(tmp_path):
     with store.opened(tmp_path, "montecarlo", [Job.of(SMALL)], resume=True) as folder:
         assert len(store.missing(folder, [Job.of(SMALL)])) == 3
+
+
+def refused(directory, words):
+    with (
+        pytest.raises(InputError, match=words),
+        store.opened(directory, "montecarlo", [Job.of(SMALL)], resume=True),
+    ):
+        pass
+
+
+def test_what_a_folder_cannot_say_is_not_removed_by_a_job_that_resumes(tmp_path):
+    written(tmp_path, SMALL)
+    (tmp_path / store.FOLDER / "job.json").write_text("{}")
+    refused(tmp_path, "job.json there does not say of which job; .* leave --resume out")
+    assert len([*(tmp_path / store.FOLDER).glob("*.npz")]) == 3
+
+
+def test_more_shards_than_a_record_may_tell_are_refused_before_any_is_removed(
+    tmp_path, monkeypatch
+):
+    written(tmp_path, SMALL)
+    monkeypatch.setattr(store, "_MOST_SHARDS", 2)
+    refused(tmp_path, "--runs 300 of he2018-blocks are 3 shards, and a folder holds 2; ask for")
+    assert len([*(tmp_path / store.FOLDER).glob("*.npz")]) == 3

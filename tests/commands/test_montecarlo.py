@@ -9,8 +9,9 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from adhesion_jax.command_line.command import run
+from adhesion_jax.command_line.command import Names, run
 from adhesion_jax.command_line.montecarlo import main
+from adhesion_jax.errors import InputError
 
 COLUMNS = [
     *("scenario", "identifier", "rail", "quantity", "truth", "bias", "bias_se", "rmse", "rmse_se"),
@@ -167,3 +168,16 @@ def test_what_cannot_be_used_is_answered_in_one_sentence(arguments, words, monke
     lines = said.err.strip().splitlines()
     assert len(lines) == 1, said.err
     assert all(word in lines[0] for word in words), lines[0]
+
+
+def test_two_parts_of_one_name_are_refused_and_the_same_part_twice_is_not(tmp_path):
+    for place, height in (("one", 1), ("other", 2), ("copy", 1)):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "m.py").write_text(f"Mine = {height}\n")
+    asked = Names(("riv",), "identifier")
+    one, other, copy = (f"{tmp_path / place}/m.py:Mine" for place in ("one", "other", "copy"))
+    with pytest.raises(InputError, match=r"one/m.py:Mine and .*other/m.py:Mine have one name"):
+        asked.convert(f"{one},riv,{other}", None, None)
+    for same in (one, copy):
+        names = [getattr(part, "name", part) for part in asked.convert(f"{one},{same}", None, None)]
+        assert names == ["Mine", "Mine"]

@@ -119,6 +119,30 @@ def test_a_class_follows_a_loop_too():
     assert now.mu_max == pytest.approx(samples.estimate(state)["mu_max"], rel=1e-12)
 
 
+class Few:
+    """The mean of all adhesions so far, of ten samples or more."""
+
+    def init(self):
+        return np.zeros(2)
+
+    def update(self, state, slip, adhesion):
+        if adhesion < 0:
+            raise ValueError("it brakes")
+        return state + np.array([1, adhesion])
+
+    def estimate(self, state):
+        if state[0] < 10:
+            raise ValueError("too few samples")
+        return {"mu_max": state[1] / state[0], "slip_opt": 0.1}
+
+
+def test_samples_of_which_nothing_can_be_told_yet_are_not_lost():
+    online = adhesion.online({"few": Few}, a0=40.0)
+    told = [online.update(0.1, mu) for mu in (0.1, 0.2, -0.3, 0.3, *[0.4] * 6, 0.5)]
+    assert [one.status.name for one in told] == ["NOT_FINITE"] * 10 + ["TRUSTED"]
+    assert told[-1].mu_max == pytest.approx((0.1 + 0.2 + 0.3 + 6 * 0.4 + 0.5) / 10, rel=1e-12)
+
+
 def test_a_state_that_begins_whole_need_not_stay_so():
     class Mean:
         def init(self):

@@ -204,6 +204,9 @@ def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
         ({"runs": 0}, "runs are from 1 to 1,000,000,000"),
         ({"runs": 10**20}, "runs are from 1 to"),
         ({"seed": -1}, "a seed is from 0"),
+        ({"resume": True}, "for a job in a folder; name it as out"),
+        ({"extend": 5}, "for a job in a folder; name it as out"),
+        ({"cluster": "local:2"}, "for a job in a folder; name it as out"),
         (
             {"colour": "red"},
             "--colour does not go with --scenario single, which takes --rail, --truth",
@@ -218,6 +221,27 @@ def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
 def test_a_campaign_that_cannot_be_is_refused_in_a_sentence(arguments, says):
     with pytest.raises(aj.InputError, match=says):
         aj.montecarlo(**arguments)
+
+
+#: In a process of its own, for in this one types are checked.
+UNFIT = """
+import adhesion_jax as aj
+for asked in ({"runs": 2.9}, {"seed": 1.7}, {"keep": "some"}):
+    try:
+        aj.montecarlo("single", ["ml-exact"], **asked)
+    except aj.InputError as refusal:
+        print(refusal)
+"""
+
+
+def test_numbers_that_are_not_whole_and_a_keep_that_is_none_are_refused():
+    done = subprocess.run(
+        [sys.executable, "-c", UNFIT], capture_output=True, text=True, check=False
+    )
+    runs, seed, keep = done.stdout.splitlines()
+    assert "whole numbers" in runs
+    assert "whole numbers" in seed
+    assert keep == "keep is checkpoints or all, not 'some'."
 
 
 @pytest.mark.long

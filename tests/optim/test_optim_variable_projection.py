@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from lanes import lanes
+from numpy.polynomial import Chebyshev
 from scipy.optimize import lsq_linear, minimize_scalar
 
 from adhesion_jax.optim import variable_projection
@@ -260,3 +261,20 @@ def test_local_polynomials_are_those_of_exact_fractions():
                 rows[j] = [x - rows[j][k] * y for x, y in zip(rows[j], rows[k], strict=True)]
         expected = np.array([[float(x) for x in row[size:]] for row in rows]).T
         np.testing.assert_allclose(variable_projection._TO_POWERS[cell], expected, atol=5e-15)
+
+
+@pytest.mark.parametrize("box", [(20.0, 500.0), (10.0, 500.0), (5.0, 500.0), (1.0, 2000.0)])
+def test_the_error_of_the_series_is_that_of_an_interpolation_by_numpy(box):
+    x, share = np.linspace(0.01, 2, 50), box[1] / 3
+    ends = [nu / (nu + share) for nu in box]
+
+    def of_share(s):
+        return np.exp(-share * s / (1 - s) * x[:, None])
+
+    s = np.linspace(*ends, 2001)
+    series = [
+        Chebyshev.interpolate(lambda s, row=row: of_share(s)[row], 27, ends) for row in range(50)
+    ]
+    error = np.abs(np.stack([one(s) for one in series]) - of_share(s)).max()
+    found = variable_projection.series_error(lambda nu: np.exp(-nu[:, None] * x), *box)
+    assert 0.9 * error < found <= 1.01 * error

@@ -166,6 +166,22 @@ def test_convergence_shows_medians_with_their_spread_about_the_truth():
         assert truth.get_ydata()[0] == 0.3
 
 
+@pytest.mark.parametrize("shown", [("a0", "p1", "p2", "mu_max"), ("steepness", "mu_max")])
+def test_convergence_draws_parameters_of_any_name_and_what_has_no_bound(shown):
+    checkpoints = pd.DataFrame(
+        [
+            {"identifier": "one", "quantity": quantity, "truth": 0.3, "crlb": bound}
+            for quantity in shown
+            for bound in ((np.nan, np.nan) if quantity == shown[0] else (np.nan, 0.01))
+        ]
+    )
+    at_lengths = bands(dict.fromkeys(shown, (0.3, 0.3)), (0, 1))
+    axes = figures.convergence(checkpoints, at_lengths, "points seen (1)", [50.0, 100.0]).axes
+    assert [axis.get_ylabel() for axis in axes] == [figures.LABELS.get(q, q) for q in shown]
+    assert np.isfinite(axes[0].get_ylim()).all()
+    assert axes[1].get_ylim() == pytest.approx((0.3 - 8 * 0.01, 0.3 + 8 * 0.01))
+
+
 def test_peers_are_drawn_set_by_set_and_what_is_far_below_nothing_at_the_edge(drawn):
     rows = pd.DataFrame(
         {

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from adhesion_jax.curves import free_values, with_free_values
+from adhesion_jax.errors import InputError
 from adhesion_jax.metrics.information import information_along
 from adhesion_jax.scenarios import SCENARIOS, Options, build
 from adhesion_jax.scenarios.catalogue import stream
@@ -64,6 +65,15 @@ def test_what_becomes_of_a_rail_is_as_by_hand():
     assert level[150] == pytest.approx(1 - 0.4 / np.e)
     level, _ = Change(wave=0.1, period=40.0).course(81)
     assert level[[0, 10, 20, 30, 40]] == pytest.approx([1, 1.1, 1, 0.9, 1])
+
+
+def test_a_rail_keeps_some_adhesion():
+    level, _ = Change(fall=0.4, wave=0.5).course(1001)  # at the second trough .65 - .5 is left
+    assert 0.14 < level.min() < 0.16
+    with pytest.raises(InputError, match=r"--fall 0\.9 and --wave 0\.5 leave -0\.29 of"):
+        build("stream", Options(fall=0.9, wave=0.5))
+    with pytest.raises(InputError, match="must stay above 0"):
+        Change(fall=0.9, wave=0.5, recovery=900.0, period=1000.0).course(1000)
 
 
 def test_a_stream_follows_its_rail_and_says_where_it_ends_and_what_it_is_told():

@@ -222,7 +222,10 @@ def convergence(
     names = list(dict.fromkeys(checkpoints["identifier"]))
     styles = line_styles(names)
     figure = Figure(figsize=(11, 8), dpi=_FEW_PANELS, layout="constrained")
-    axes = figure.subplots(2, 2).ravel()
+    every = figure.subplots(2, 2).ravel()
+    axes = every[: len(shown)]
+    for axis in every[len(shown) :]:
+        axis.remove()
     seen = np.array(reached)
     step = 0.1 * np.min(np.diff(seen, prepend=0.0))
     for name in names:
@@ -252,9 +255,11 @@ def convergence(
             label="truth ± 1.645 × Cramér-Rao bound",
         )
         axis.axhline(truth[0], color="0.4", linewidth=1)
-        centre, reach = truth[0], 8 * np.median(bound)
-        axis.set_ylim(centre - reach, centre + reach)
-        axis.set(xlabel=reached_label, ylabel=LABELS[quantity])
+        known = bound[np.isfinite(bound)]
+        if known.size:
+            centre, reach = truth[0], 8 * np.median(known)
+            axis.set_ylim(centre - reach, centre + reach)
+        axis.set(xlabel=reached_label, ylabel=LABELS.get(quantity, quantity))
     one_legend(figure, axes[:1], **_LEGEND)
     return figure
 
