@@ -111,6 +111,10 @@ _FALL = 2.0
 #: points that may lie above the interval beyond what noise makes.
 _PASSED, _FEW, _ABOVE = 0.1, 0.02, 0.1
 
+#: Slips beyond this multiple of their noise are looked at, up to those whose median reaches this
+#: share of the largest adhesion; the line misses 0 by this multiple of its error, and this share.
+_FAR, _RISEN, _OFF = 4.0, 0.6, 0.05
+
 #: About as many rows, in stretches, are judged.
 _MOST_ROWS = 1_000_000
 
@@ -163,11 +167,15 @@ def judged(
     if branches is not None and (branches.changed or branches.bent):
         found.append(_two_branches(branches))
     at_least, why = _reached(points, fit, answer) if not any(found) else (None, "")
+    moved = float(np.median(fit.slip_spread))
+    elsewhere = "" if any(found) else zero_elsewhere(points, rows.slip, moved, fit.slip_unit)
     if not any(found) and at_least is None:
-        found += [_above(points, answer), _wide(answer)]
+        wide = _wide(answer)
+        found += [_above(points, answer), wide and elsewhere, wide]
     vetoes = tuple(dict.fromkeys(filter(None, found)))
-    single = rows.ordered and sweeps <= 1
-    return Judgement(vetoes, at_least, why, _ONE_SWEEP if single and not vetoes else "")
+    single = _ONE_SWEEP if rows.ordered and sweeps <= 1 else ""
+    warning = " ".join(filter(None, (elsewhere, single)))
+    return Judgement(vetoes, at_least, why, "" if vetoes else warning)
 
 
 def standing(answer: Answer, judgement: Judgement) -> tuple[Estimate, Estimate]:
@@ -290,6 +298,45 @@ def _above(points: Points, answer: Answer) -> str:
         f"{percent(share)} of the points lie above the interval of the largest adhesion, which "
         f"ends at {high:.4g}; noise would put {percent(expected)} there, so the interval is not "
         "that of these points."
+    )
+
+
+def zero_elsewhere(
+    points: Points, slip: Float[np.ndarray, " rows"], noise: float, unit: str
+) -> str:
+    """Whether a straight line through the points of small slip meets adhesion 0 beyond slip 0.
+
+    Through points of a curve that rises from 0 ever less steeply it meets slip 0 at an adhesion of
+    0 or more. `slip` has its sign: the points are those of the branch that has most of them; and
+    `noise` is its standard deviation.
+    """
+    most = (slip < 0) == (np.mean(slip < 0) > 0.5)
+    # Nearer to slip 0 than its noise, chance has moved the points that are measured there.
+    some = most & (points.slip > _FAR * noise)
+    size, adhesion = points.slip[some], points.adhesion[some]
+    groups = bins_of(size) if some.any() else []
+    medians = np.array([np.median(adhesion[group]) for group in groups])
+    high = np.flatnonzero(medians >= _RISEN * medians.max(initial=0.0))
+    if not high.size or not high[0]:
+        return ""
+    low = np.concatenate(groups[: high[0]])
+    if low.size < _TELLING:
+        return ""
+    terms = np.column_stack([np.ones(low.size), size[low]])
+    inverse = np.linalg.pinv(terms.T @ terms)
+    level, slope = inverse @ terms.T @ adhesion[low]
+    left = adhesion[low] - terms @ (level, slope)
+    # As of few independent points, for neighbours in time are alike.
+    error = np.sqrt(inverse[0, 0] * np.mean(left**2) * low.size / _TELLING)
+    if slope <= 0 or level > -max(_FAR * error, _OFF * medians.max()):
+        return ""
+    zero = -level / slope
+    radius = "" if unit else f"a wheel radius that is wrong by {percent(zero)}, or "
+    return (
+        f"By a straight line through the points below slip {size[low].max():.3g}{unit} "
+        f"adhesion is 0 at slip {zero:.3g}{unit} and not at slip 0: {radius}a force whose "
+        f"zero is off by {-level:.2g} of the load, does that; correct it, for the peak and its "
+        "slip are moved by as much."
     )
 
 

@@ -1,5 +1,7 @@
 """What signals are is judged by the points alone, on records of an independent generator."""
 
+import re
+
 import numpy as np
 import pytest
 from fault_forms import DRY
@@ -7,7 +9,13 @@ from stranger_runs import STRANGERS, autoregression
 
 from adhesion_jax.data.plausible import exchanged
 from adhesion_jax.inference.rows import Rows
-from adhesion_jax.measured.vetoes import Points, independent_of_slip, passages, shifted
+from adhesion_jax.measured.vetoes import (
+    Points,
+    independent_of_slip,
+    passages,
+    shifted,
+    zero_elsewhere,
+)
 
 STEP = 0.1
 
@@ -87,3 +95,18 @@ def test_rows_of_three_rails_are_not_said_to_show_no_dependence_on_slip():
     assert independent_of_slip(as_points(slip, adhesion)) == ""
     flat = level + 0.005 * chance.normal(size=1200)
     assert "show no dependence on slip" in independent_of_slip(as_points(slip, flat))
+
+
+@pytest.mark.parametrize("name", STRANGERS)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_wrong_radius_is_seen_where_adhesion_is_zero_beyond_slip_zero(name, side):
+    """1.2 % are added to every slip; a curve from the origin is never told so."""
+    chance = np.random.default_rng(8)
+    slip = chance.uniform(0.0, 0.25, 900) ** 2 / 0.25
+    adhesion = STRANGERS[name].adhesion(slip) + 0.005 * chance.normal(size=slip.size)
+    assert zero_elsewhere(as_points(side * slip, side * adhesion), side * slip, 0.0, "") == ""
+    off = side * (slip + 0.012)
+    said = zero_elsewhere(as_points(off, side * adhesion), off, 0.0, "")
+    found = re.search(r"adhesion is 0 at slip (\S+) and not at slip 0", said)
+    assert float(found[1]) == pytest.approx(0.012, abs=0.003)
+    assert "a wheel radius that is wrong by 1" in said

@@ -99,9 +99,9 @@ def verdict(found: Identified) -> Sections:
     second = fits[ranked[min(1, len(ranked) - 1)]]
     by_part = (best.left_out - second.left_out) / dependence(fits)
     occam = best.departure.occam - second.departure.occam
-    departure, at_slip = _departure(best)
     table = found.measured.table
     slips, adhesion = table[found.measured.slip], table["adhesion"]
+    departure, at_slip = _departure(best, float(slips.abs().min()))
     spread = _FAR * float(np.median(best.slip_spread))
     beyond = (adhesion.abs() > _FAR * best.noise.sigma) & (slips.abs() > spread)
     mixed = different_rails(None, {}, found.mixed)
@@ -143,9 +143,13 @@ def _ends(table: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
     return table.iloc[order[0]], table.iloc[order[-1]]
 
 
-def _departure(fit: MeasuredFit) -> tuple[float, float]:
-    """How far the points leave the nearest curve where they do most, as a share; and the slip."""
+def _departure(fit: MeasuredFit, smallest: float) -> tuple[float, float]:
+    """How far the points leave the nearest curve where they do most, as a share; and the slip.
+
+    `smallest` is the smallest size of a measured slip: below it there are no points.
+    """
     slip = np.linspace(0.02, 1.0, 50) * fit.law.span.largest
+    slip = slip[slip >= min(smallest, slip[-1])]
     alone = np.asarray(fit.curve(jnp.asarray(slip), fit.conditions))
     departure = (fit.law.at(slip).adhesion - alone) / np.abs(alone).max()
     most = int(np.argmax(np.abs(departure)))
