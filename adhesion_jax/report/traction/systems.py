@@ -147,7 +147,7 @@ def fang2018_table(metrics: pd.DataFrame) -> pd.DataFrame:
         {
             "method": rows["method"],
             "road": rows["segment"],
-            "slip_kmh": KMH.per_mps * rows["slip_settled"].abs(),
+            "slip_kmh": KMH.per_mps * rows["slip_settled"],
             "utilisation": rows["utilisation_settled"],
             "paper_slip_kmh": rows["segment"].map(fang2018.PRINTED_SLIP_KMH),
             "status": rows["status"],
