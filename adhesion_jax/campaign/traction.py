@@ -47,6 +47,9 @@ _STATUSES = {
     "ran_away": "slip runs away",
 }
 
+#: The words for a run that reaches a segment and whose figures there are not finite.
+FAILED = "the computation fails"
+
 #: The leaves of the traces of a shard are stored under this and their number.
 _TRACE = "trace "
 
@@ -264,9 +267,13 @@ def _metrics(case: Named, noise: str, moments: KnownMoments) -> pd.DataFrame:
 
 def _status(moments: KnownMoments, segment: int) -> str:
     """The status of a segment in words, with the number of runs if there are several."""
-    if not moments.known["utilisation"][segment]:
+    # Whether the train stood is known of every run that reached the segment.
+    reached = moments.known["stood"][segment]
+    if not reached:
         return "not reached"
-    counts = {words: int(moments.total[name][segment]) for name, words in _STATUSES.items()}
+    failed = reached - moments.known["utilisation"][segment]
+    totals = {words: moments.total[name][segment] for name, words in _STATUSES.items()}
+    counts = {words: int(count) for words, count in {FAILED: failed, **totals}.items()}
     told = {words: count for words, count in counts.items() if count}
     if not told:
         return "regular"

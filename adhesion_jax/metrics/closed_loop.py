@@ -227,7 +227,10 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "slip_energy": ("J", "energy lost in the contact"),
     "slip_energy_share": ("1", "energy lost in the contact, per useful work: traction and braking"),
     **{
-        f"utility_{price}": ("J", f"useful work, traction and braking, less {price} times slip_energy")
+        f"utility_{price}": (
+            "J",
+            f"useful work, traction and braking, less {price} times slip_energy",
+        )
         for price in PRICES
     },
     "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
@@ -243,7 +246,10 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "estimation_rms": ("m/s", "slip asked for minus slip, root mean square"),
     "estimation_rms_settled": ("m/s", "estimation_rms from 2 s after the switch on"),
     "adhesion_rms": ("1", "adhesion observed minus adhesion, root mean square"),
-    "slip_settled": ("m/s", "mean slip from 2 s after the switch on, in braking with its sign turned"),
+    "slip_settled": (
+        "m/s",
+        "mean slip from 2 s after the switch on, in braking with its sign turned",
+    ),
     "utilisation_settled": ("1", "utilisation from 2 s after the switch on"),
     "ran_away": (
         "1",
