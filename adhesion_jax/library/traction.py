@@ -104,7 +104,12 @@ class Traction:
         for figure, panels in subject.figures(runs_shown, self.plant.plant).items():
             if panels:
                 draw(path / f"{figure}.png", panels)
-                captions[f"{figure}.png"] = subject.captions[figure]
+                caption = subject.captions[figure]
+                if any(self._named().values()):
+                    caption = (
+                        f"{caption.partition(':')[0]} of the paper, with the parts named here."
+                    )
+                captions[f"{figure}.png"] = caption
         self.plot().savefig(path / f"{_POINT}.png", dpi=130)
         captions[f"{_POINT}.png"] = _POINT_CAPTION
         if animate:
@@ -118,15 +123,19 @@ class Traction:
         """The operating point over the adhesion curves while the surface changes, first case."""
         return operating_point(shown(self.cases[0], self.judged.traces[0]))
 
+    def _named(self) -> Mapping[str, str | None]:
+        """The parts in the place of the paper's, which are None."""
+        asked = {part: self.job.asked[f"--{part}"] for part in ("observer", "seeker", "controller")}
+        return {part: None if name == _OF_PAPER else name for part, name in asked.items()}
+
     def _metadata(self) -> Mapping[str, object]:
-        asked, found = self.job.asked, self.judged
-        parts = {part: asked[f"--{part}"] for part in ("observer", "seeker", "controller")}
+        found = self.judged
         return {
             "system": self.name,
             "source": self.system.source,
             "plant": self.plant.title,
             "parameters": {key: given._asdict() for key, given in self.plant.given.items()},
-            **{part: None if name == _OF_PAPER else name for part, name in parts.items()},
+            **self._named(),
             "runs": self.job.runs,
             "seed": self.job.seed,
             "step_s": self.system.step,

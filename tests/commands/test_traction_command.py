@@ -96,6 +96,7 @@ def test_the_page_tells_what_was_assumed_and_repaired(written):
         "What was assumed",
         "What was repaired",
         "a heavy-haul train of 10,000 t",
+        "Each row is a run without noise on this plant: light.",
         "Columns of metrics.csv",
         "data:image/png;base64,",
     ):
@@ -113,6 +114,9 @@ def test_controllers_stand_side_by_side_and_change_no_row_of_each_other(tmp_path
     options = ["--system", "hxd1f", *QUICK, "--runs", "0", "--controller", "mine.py:Mine,barrier"]
     found = CliRunner().invoke(main, [*options, "--out", "out"], catch_exceptions=False)
     assert found.exit_code == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Figure 15 of the paper, with the parts named here." in page
+    assert "a sliding mode and with the barrier" not in page
     table = pd.read_csv("out/table.csv").set_index("method")
     beside = "observer full-dimension, seeker constant-slip, controller "
     assert [*dict.fromkeys(table.index)] == [beside + "Mine", beside + "barrier"]
