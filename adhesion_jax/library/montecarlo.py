@@ -219,8 +219,7 @@ def montecarlo(
     check_numbers(runs, workers, seed)
     named = {} if identifiers is None else methods_named(identifiers)
     methods = {**IDENTIFIERS, **named}
-    if extend and out is not None:
-        runs = extended(Path(out), extend)
+    runs = extended(out, runs, resume, extend)
     asked = Config(scenario or "", tuple(named), whole, int(runs), int(seed))
     several = SEVERAL.get(scenario)
     parts = parts_of(asked, several, methods) if several else [asked]

@@ -27,7 +27,7 @@ from adhesion_jax.campaign.traction import (
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
-from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
+from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for, step_of
 from adhesion_jax.report.rendering import write_page
 from adhesion_jax.report.traction.operating_point import animate_operating_point, operating_point
 from adhesion_jax.report.traction.page import traction_page
@@ -204,6 +204,10 @@ def traction_control(
     began = time.perf_counter()
     check_numbers(runs, workers, seed, fewest=0)
     controllers = [controller] if controller is None or isinstance(controller, str) else controller
+    if not controllers or len({*controllers}) < len(controllers):
+        raise InputError("controller is one name or several, each of them once.")
+    if animate and out is None:
+        raise InputError("animate draws into a folder; name it as out.")
     for kind, given, known in (
         ("system", system, [*SYSTEMS]),
         ("observer", observer, [*OBSERVERS]),
@@ -213,13 +217,12 @@ def traction_control(
         if given is not None and given not in known:
             raise InputError(f"There is no {kind} {given}; name {listed(known, 'or')}.")
     chosen = SYSTEMS[system]
-    chosen = chosen._replace(step=step or chosen.step)
-    source = str(plant or chosen.plant)
+    chosen = chosen._replace(step=step_of(step, chosen.step))
+    source = str(chosen.plant if plant is None else plant)
     train = read_plant(shipped().get(source, Path(source)))
     of_paper = chosen.cases(chosen.step)
     cases = [case for name in controllers for case in with_parts(of_paper, observer, seeker, name)]
-    if extend and out is not None:
-        runs = extended(Path(out), extend)
+    runs = extended(out, runs, resume, extend)
     asked = {
         "--system": system,
         "--plant": source,
