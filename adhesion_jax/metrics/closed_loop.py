@@ -222,8 +222,15 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "pull": ("kN", "mean pull of the train"),
     "pull_share": ("1", "mean pull, as a share of that at the largest adhesion of every axle"),
     "overshoot": ("m/s", "largest excess of slip over that of the largest adhesion"),
-    "t95": ("s", "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is"),
-    "never95": ("1", "share of the runs in which it never is"),
+    "t95": (
+        "s",
+        "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is; of the "
+        "whole run that of its first segment",
+    ),
+    "never95": (
+        "1",
+        "share of the runs in which it never is, of the whole run in the first segment",
+    ),
     "slip_energy": ("J", "energy lost in the contact"),
     "slip_energy_share": ("1", "energy lost in the contact, per useful work: traction and braking"),
     **{
