@@ -28,7 +28,8 @@ from adhesion_jax.traction.systems.base import Case, System, built
 
 #: The number of runs that a program computes side by side is a multiple of this: with fewer the
 #: calls at each step take longer than the work. No loop has a matrix product or a sum over runs, so
-#: that a run gives the same bits whatever runs beside it.
+#: that a run gives the same bits whatever runs beside it: but for sums over several axles, whose
+#: last bit may depend on how many runs a program has.
 _LEAST = 32
 
 #: Number of runs of a shard with noise: with more the states leave the cache.
