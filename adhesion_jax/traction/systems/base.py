@@ -10,8 +10,7 @@ import jax.numpy as jnp
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.entrants import Entrant
-from adhesion_jax.traction.loop import Loop
-from adhesion_jax.traction.loop import Terms as Terms
+from adhesion_jax.traction.loop import Loop, Terms
 from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
