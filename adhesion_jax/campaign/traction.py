@@ -28,7 +28,8 @@ from adhesion_jax.traction.systems.base import Case, System, built
 
 #: The number of runs that a program computes side by side is a multiple of this: with fewer the
 #: calls at each step take longer than the work. No loop has a matrix product or a sum over runs, so
-#: that a run gives the same bits whatever runs beside it.
+#: that a run gives the same bits whatever runs beside it: but for sums over several axles, whose
+#: last bit may depend on how many runs a program has.
 _LEAST = 32
 
 #: Number of runs of a shard with noise: with more the states leave the cache.
@@ -46,6 +47,9 @@ _STATUSES = {
     "rolled_back": "the train rolls back",
     "ran_away": "slip runs away",
 }
+
+#: The words for a run that reaches a segment and whose figures there are not finite.
+FAILED = "the computation fails"
 
 #: The leaves of the traces of a shard are stored under this and their number.
 _TRACE = "trace "
@@ -264,9 +268,13 @@ def _metrics(case: Named, noise: str, moments: KnownMoments) -> pd.DataFrame:
 
 def _status(moments: KnownMoments, segment: int) -> str:
     """The status of a segment in words, with the number of runs if there are several."""
-    if not moments.known["utilisation"][segment]:
+    # Whether the train stood is known of every run that reached the segment.
+    reached = moments.known["stood"][segment]
+    if not reached:
         return "not reached"
-    counts = {words: int(moments.total[name][segment]) for name, words in _STATUSES.items()}
+    failed = reached - moments.known["utilisation"][segment]
+    totals = {words: moments.total[name][segment] for name, words in _STATUSES.items()}
+    counts = {words: int(count) for words, count in {FAILED: failed, **totals}.items()}
     told = {words: count for words, count in counts.items() if count}
     if not told:
         return "regular"

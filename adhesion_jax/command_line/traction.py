@@ -129,7 +129,8 @@ def main(system: str, workers: int | None, out: Path, **asked: Any) -> None:
     """
     of_board = system == BOARD
     for name in _OF_SYSTEM if of_board else _OF_BOARD:
-        if asked.pop(name):
+        value = asked.pop(name)
+        if value is not None and value is not False:
             raise InputError(
                 f"--{name.replace('_', '-')} is no option of --system {system}; leave it out."
             )

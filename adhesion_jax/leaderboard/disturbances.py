@@ -100,7 +100,6 @@ class Disturbance(Family):
                 radius_error=sensors.radius_error + self.radius,
                 count_error=sensors.count_error + self.count,
                 pulses=self.pulses,
-                by_period=self.pulses > 0,
             ),
             dip=loop.dip + self.dip,
         )

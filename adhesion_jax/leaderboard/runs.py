@@ -13,9 +13,8 @@ from adhesion_jax.identifiers.of_numpy import complain
 from adhesion_jax.programs import QUICKLY, WIDELY, kept
 from adhesion_jax.traction.entrants import Entrant, configured
 from adhesion_jax.traction.families import Family
-from adhesion_jax.traction.loop import Loop, Timing, Trace, trace
+from adhesion_jax.traction.loop import Loop, Terms, Timing, Trace, trace
 from adhesion_jax.traction.seekers.base import Peak
-from adhesion_jax.traction.systems.base import Terms
 
 #: Number of runs of a program. A tile is always computed whole, so that a run gives the same bits
 #: whatever runs are asked for: matrix products within a method may round differently elsewhere.

@@ -19,8 +19,7 @@ from adhesion_jax.programs import kept
 from adhesion_jax.traction import driver, integration, loop, rails, sensors, surface
 from adhesion_jax.traction.entrants import Entrant
 from adhesion_jax.traction.families import Family
-from adhesion_jax.traction.loop import Timing, check, timing
-from adhesion_jax.traction.systems.base import Terms
+from adhesion_jax.traction.loop import Terms, Timing, check, timing
 
 #: Seconds from one sample of the sensors to the next.
 SAMPLED = 1e-3

@@ -37,7 +37,7 @@ from adhesion_jax.leaderboard.terms import (
 from adhesion_jax.leaderboard.tuning import TRIPLES, Tuned, Tuning, tuned
 from adhesion_jax.library.reading import own_parts, parts_named
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
-from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
+from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for, step_of
 from adhesion_jax.measured.rails import rails_of_curves, rails_of_law
 from adhesion_jax.report.leaderboard.figures import FIGURES_OF, Judged, rail_map, trade
 from adhesion_jax.report.leaderboard.page import leaderboard_page, robust_page
@@ -195,15 +195,14 @@ def traction_leaderboard(
     began = time.perf_counter()
     check_numbers(runs, workers, seed, seeds=SEEDS)
     _refuse(budget, seed, tuning_seed, track, (plant, rails, law, beside))
-    if extend and out is not None:
-        runs = extended(Path(out), extend)
+    runs = extended(out, runs, resume, extend)
     robust = track == TRACKS[1]
     ground = _disturbed() if robust else _ground(_families(rails, law))
     families, other = ground.families, None if beside is None else board_of(beside)
     system = SYSTEMS[SYSTEM]
-    source = str(plant or system.plant)
+    source = str(system.plant if plant is None else plant)
     train = read_plant(shipped().get(source, Path(source)))
-    grid = Grid(step or STEP, duration=duration)
+    grid = Grid(step_of(step, STEP), duration=duration)
     entrants = _entrants(methods)
     if robust:  # judged at the price that methods are ranked by
         entrants.pop(OPTIMA[3])

@@ -218,13 +218,12 @@ def montecarlo(
     whole = Options(**given) if scenario in SEVERAL else _options(str(scenario), given)
     if keep not in ("checkpoints", "all"):
         raise InputError(f"keep is checkpoints or all, not {keep!r}.")
-    if out is None and (resume or extend or cluster):
-        raise InputError("resume, extend and cluster are for a job in a folder; name it as out.")
+    if out is None and cluster:
+        raise InputError("a cluster is for a job in a folder; name it as out.")
     check_numbers(runs, workers, seed)
     named = {} if identifiers is None else methods_named(identifiers)
     methods = {**IDENTIFIERS, **named}
-    if extend and out is not None:
-        runs = extended(Path(out), extend)
+    runs = extended(out, runs, resume, extend)
     asked = Config(scenario or "", tuple(named), whole, int(runs), int(seed))
     several = SEVERAL.get(scenario)
     parts = parts_of(asked, several, methods) if several else [asked]

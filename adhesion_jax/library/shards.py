@@ -1,10 +1,13 @@
 """What all share whose work is divided into shards: the folder, and what goes on there."""
 
+import math
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from numbers import Integral, Real
+from os import PathLike
 from pathlib import Path
 from threading import Event, Thread, current_thread, main_thread
 
@@ -32,20 +35,35 @@ _PAUSE = 0.5
 
 def check_numbers(runs: int, workers: int, seed: int, fewest: int = 1, seeds: int = 1) -> None:
     """InputError where a number of runs or workers, or the first of some seeds, cannot be."""
-    right = fewest <= runs <= MOST_RUNS and workers >= 1 and 0 <= seed <= 2**32 - seeds
-    if not right or any(number % 1 for number in (runs, workers, seed)):
+    whole = all(isinstance(one, Integral) for one in (runs, workers, seed))
+    if not (whole and fewest <= runs <= MOST_RUNS and workers > 0 and 0 <= seed <= 2**32 - seeds):
         raise InputError(
             f"runs are from {fewest} to {MOST_RUNS:,}, workers 1 or more, and a seed is from 0 to "
-            f"2**32 - {seeds}, whole numbers all."
+            f"2**32 - {seeds}, all whole numbers."
         )
 
 
-def extended(directory: Path, extend: int) -> int:
-    """The number of runs of the job in a folder, and as many more as asked."""
-    before = recorded(directory)
+def step_of(step: float | None, default: float) -> float:
+    """The step that is asked for in s, or the default."""
+    if step is not None and not (isinstance(step, Real) and 0 < step < math.inf):
+        raise InputError(f"a step is a number of seconds above 0, and not {step!r}.")
+    return default if step is None else float(step)
+
+
+def extended(out: str | PathLike[str] | None, runs: int, resume: bool, extend: int) -> int:
+    """The number of runs; to extend is to add to that of the job in the folder."""
+    if not isinstance(extend, Integral) or extend < 0:
+        raise InputError(f"extend is a whole number of further runs, and not {extend!r}.")
+    if not resume and not extend:
+        return runs
+    if out is None:
+        raise InputError("resume and extend go on with the job in a folder; name it as out.")
+    if not extend:
+        return runs
+    before = recorded(Path(out))
     if before is None:
         raise InputError(
-            f"--extend adds runs to a job, and --out {directory} holds none; name its folder."
+            f"--extend adds runs to a job, and --out {out} holds none; name its folder."
         )
     return int(before["runs"]) + extend
 

@@ -27,7 +27,7 @@ from adhesion_jax.campaign.traction import (
 from adhesion_jax.errors import InputError
 from adhesion_jax.files import METADATA, output_directory, write_metadata, write_table
 from adhesion_jax.library.results import aligned, recorded, steps_told, text_html
-from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for
+from adhesion_jax.library.shards import check_numbers, compute, extended, opened_for, step_of
 from adhesion_jax.report.rendering import write_page
 from adhesion_jax.report.traction.operating_point import animate_operating_point, operating_point
 from adhesion_jax.report.traction.page import traction_page
@@ -104,7 +104,12 @@ class Traction:
         for figure, panels in subject.figures(runs_shown, self.plant.plant).items():
             if panels:
                 draw(path / f"{figure}.png", panels)
-                captions[f"{figure}.png"] = subject.captions[figure]
+                caption = subject.captions[figure]
+                if any(self._named().values()):
+                    caption = (
+                        f"{caption.partition(':')[0]} of the paper, with the parts named here."
+                    )
+                captions[f"{figure}.png"] = caption
         self.plot().savefig(path / f"{_POINT}.png", dpi=130)
         captions[f"{_POINT}.png"] = _POINT_CAPTION
         if animate:
@@ -118,15 +123,19 @@ class Traction:
         """The operating point over the adhesion curves while the surface changes, first case."""
         return operating_point(shown(self.cases[0], self.judged.traces[0]))
 
+    def _named(self) -> Mapping[str, str | None]:
+        """The parts in the place of the paper's, which are None."""
+        asked = {part: self.job.asked[f"--{part}"] for part in ("observer", "seeker", "controller")}
+        return {part: None if name == _OF_PAPER else name for part, name in asked.items()}
+
     def _metadata(self) -> Mapping[str, object]:
-        asked, found = self.job.asked, self.judged
-        parts = {part: asked[f"--{part}"] for part in ("observer", "seeker", "controller")}
+        found = self.judged
         return {
             "system": self.name,
             "source": self.system.source,
             "plant": self.plant.title,
             "parameters": {key: given._asdict() for key, given in self.plant.given.items()},
-            **{part: None if name == _OF_PAPER else name for part, name in parts.items()},
+            **self._named(),
             "runs": self.job.runs,
             "seed": self.job.seed,
             "step_s": self.system.step,
@@ -195,6 +204,10 @@ def traction_control(
     began = time.perf_counter()
     check_numbers(runs, workers, seed, fewest=0)
     controllers = [controller] if controller is None or isinstance(controller, str) else controller
+    if not controllers or len({*controllers}) < len(controllers):
+        raise InputError("controller is one name or several, each of them once.")
+    if animate and out is None:
+        raise InputError("animate draws into a folder; name it as out.")
     for kind, given, known in (
         ("system", system, [*SYSTEMS]),
         ("observer", observer, [*OBSERVERS]),
@@ -204,13 +217,12 @@ def traction_control(
         if given is not None and given not in known:
             raise InputError(f"There is no {kind} {given}; name {listed(known, 'or')}.")
     chosen = SYSTEMS[system]
-    chosen = chosen._replace(step=step or chosen.step)
-    source = str(plant or chosen.plant)
+    chosen = chosen._replace(step=step_of(step, chosen.step))
+    source = str(chosen.plant if plant is None else plant)
     train = read_plant(shipped().get(source, Path(source)))
     of_paper = chosen.cases(chosen.step)
     cases = [case for name in controllers for case in with_parts(of_paper, observer, seeker, name)]
-    if extend and out is not None:
-        runs = extended(Path(out), extend)
+    runs = extended(out, runs, resume, extend)
     asked = {
         "--system": system,
         "--plant": source,

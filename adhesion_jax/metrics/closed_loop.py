@@ -195,12 +195,16 @@ def _numbers(
             "pulled": sample.direction * sample.pull,
             "largest_pulled": sample.largest_pull,
             "slip_energy": period * sample.slip_power,
-            "useful_work": period * sample.pull * sample.train_speed,
+            "useful_work": period * sample.direction * sample.pull * sample.train_speed,
             "torque_variation": moved,
             "jerk_squares": jerk**2,
             "adhesion_squares": jnp.mean((sample.observed - sample.adhesion) ** 2),
         },
-        settled={**both, "slip": jnp.mean(sample.slip), "runaway_samples": 1.0 * ran_away},
+        settled={
+            **both,
+            "slip": jnp.mean(sample.direction * sample.slip),
+            "runaway_samples": 1.0 * ran_away,
+        },
         largest={
             "overshoot": jnp.max(sample.direction * (sample.slip - sample.optimum)),
             "torque": jnp.max(jnp.abs(sample.torque)),
@@ -218,12 +222,22 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "pull": ("kN", "mean pull of the train"),
     "pull_share": ("1", "mean pull, as a share of that at the largest adhesion of every axle"),
     "overshoot": ("m/s", "largest excess of slip over that of the largest adhesion"),
-    "t95": ("s", "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is"),
-    "never95": ("1", "share of the runs in which it never is"),
+    "t95": (
+        "s",
+        "time until 95 % of the largest adhesion is kept for .3 s; empty if it never is; of the "
+        "whole run that of its first segment",
+    ),
+    "never95": (
+        "1",
+        "share of the runs in which it never is, of the whole run in the first segment",
+    ),
     "slip_energy": ("J", "energy lost in the contact"),
-    "slip_energy_share": ("1", "energy lost in the contact, per useful work of traction"),
+    "slip_energy_share": ("1", "energy lost in the contact, per useful work: traction and braking"),
     **{
-        f"utility_{price}": ("J", f"useful work of traction less {price} times slip_energy")
+        f"utility_{price}": (
+            "J",
+            f"useful work, traction and braking, less {price} times slip_energy",
+        )
         for price in PRICES
     },
     "torque_variation": ("kN m/s", "sum of the sizes of the changes of torque, per second"),
@@ -239,7 +253,10 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     "estimation_rms": ("m/s", "slip asked for minus slip, root mean square"),
     "estimation_rms_settled": ("m/s", "estimation_rms from 2 s after the switch on"),
     "adhesion_rms": ("1", "adhesion observed minus adhesion, root mean square"),
-    "slip_settled": ("m/s", "mean slip from 2 s after the switch on"),
+    "slip_settled": (
+        "m/s",
+        "mean slip from 2 s after the switch on, in braking with its sign turned",
+    ),
     "utilisation_settled": ("1", "utilisation from 2 s after the switch on"),
     "ran_away": (
         "1",

@@ -347,7 +347,7 @@ def _control(loop: Loop, grid: Timing, state: _State, key: PRNGKeyArray) -> _Sta
     count = max(grid.control // grid.measured, 1)
     drawn = loop.sensors.draw(key, count, state.command.size)
     mode = loop.driver.update(state.mode, state.plant.train_speed)
-    sensed = _sensed(loop, grid, state, state.steps % grid.measured == 0, drawn[0])
+    sensed = _sensed(loop, state, state.steps % grid.measured == 0, drawn[0])
     state = state._replace(mode=mode, sensed=sensed)
 
     signals = _signals(loop, grid, state)
@@ -365,17 +365,17 @@ def _control(loop: Loop, grid: Timing, state: _State, key: PRNGKeyArray) -> _Sta
         if grid.measured < grid.control:
             later = (index % grid.measured == 0) & (index > 0)
             noise = jax.lax.dynamic_index_in_dim(drawn, index // grid.measured, keepdims=False)
-            state = state._replace(sensed=_sensed(loop, grid, state, later, noise))
+            state = state._replace(sensed=_sensed(loop, state, later, noise))
         return _stepped(loop, grid, state, acting)
 
     return jax.lax.fori_loop(0, grid.control, stepped, state)
 
 
 def _sensed(
-    loop: Loop, grid: Timing, state: _State, fresh: Bool[Array, ""], drawn: Float[Array, " speeds"]
+    loop: Loop, state: _State, fresh: Bool[Array, ""], drawn: Float[Array, " speeds"]
 ) -> Sensed:
     speeds = (loop.plant.motor_speed(state.plant), state.plant.train_speed)
-    return loop.sensors.sample(state.sensed, loop.nominal, speeds, fresh, drawn, grid.step)
+    return loop.sensors.sample(state.sensed, loop.nominal, speeds, fresh, drawn)
 
 
 def _stepped(loop: Loop, grid: Timing, state: _State, acting: PerAxle) -> _State:

@@ -22,9 +22,8 @@ class Sensors(eqx.Module):
     """`period` is the time from a sample to the next in s, 0 for the step of the plant.
 
     `pulses` counts the pulses of the encoder in a turn of the motor, 0 for one without steps: the
-    speed is the angle in whole pulses gone since the last sample, over the period, or `by_period`
-    that between the last two pulses, over the time between them. `count_error` is the share by
-    which that speed is too large, as where the encoder has more pulses than is known.
+    speed is the angle between the last two pulses, over the time between them. `count_error` is
+    the share by which that speed is too large, as where the encoder has more pulses than is known.
     `train_bias` in m/s is added to the speed of the train; `radius_error` is the share by which
     the radius that slip is computed with is too large.
     """
@@ -35,7 +34,6 @@ class Sensors(eqx.Module):
     count_error: Float[Array, ""] | float = 0.0
     period: float = eqx.field(default=0.0, static=True)
     pulses: int = eqx.field(default=0, static=True)
-    by_period: bool = eqx.field(default=False, static=True)
 
     def draw(self, key: PRNGKeyArray, samples: int, axles: int) -> Float[Array, "samples speeds"]:
         """The noise of some samples, in units of its standard deviations; the train's stands last.
@@ -54,7 +52,7 @@ class Sensors(eqx.Module):
         """The sensors at rest on the true speeds; the first sample is taken at once."""
         slip = nominal.circumferential(motor_speed) - train_speed
         none = jnp.zeros_like(motor_speed)
-        return Sensed(motor_speed, train_speed, slip, none, none, none, motor_speed)
+        return Sensed(motor_speed, train_speed, slip, none, none, motor_speed)
 
     def sample(
         self,
@@ -63,20 +61,11 @@ class Sensors(eqx.Module):
         speeds: tuple[PerAxle, Float[Array, ""]],
         fresh: Bool[Array, ""],
         drawn: Float[Array, " speeds"],
-        step: float,
     ) -> "Sensed":
         """The sensors after the true speeds have been sampled, where a sample is due."""
         motor_speed, train_speed = speeds
-        counted = sensed.counted
-        if self.by_period:
+        if self.pulses:
             motor_speed = sensed.read
-        elif self.pulses:
-            count = jnp.floor(self.pulses * sensed.turned / (2 * jnp.pi))
-            since = 2 * jnp.pi * (count - counted) / self.pulses
-            # The first sample has no pulses behind it, and takes the speed as it is.
-            first = sensed.turned == 0
-            motor_speed = jnp.where(first, motor_speed, since / max(self.period, step))
-            counted = count
         if self.noise is not None:
             motor_speed = motor_speed + self.noise.motor * drawn[:-1]
             train_speed = train_speed + self.noise.train * drawn[-1]
@@ -87,7 +76,6 @@ class Sensors(eqx.Module):
             motor_speed=motor_speed,
             train_speed=train_speed,
             slip=rim - train_speed,
-            counted=counted,
         )
         return jax.tree.map(lambda new, old: jnp.where(fresh, new, old), taken, sensed)
 
@@ -96,8 +84,6 @@ class Sensors(eqx.Module):
         if not self.pulses:
             return sensed
         turned = sensed.turned + step * motor_speed
-        if not self.by_period:
-            return sensed._replace(turned=turned)
         # Kept within a pulse: `turned` is the angle since the last one.
         pulse = 2 * jnp.pi / self.pulses
         count = jnp.floor(turned / pulse)
@@ -113,15 +99,14 @@ class Sensors(eqx.Module):
 
 
 class Sensed(NamedTuple):
-    """What was measured last: rad/s, m/s and m/s; the angle turned in rad and its pulses.
+    """What was measured last: rad/s, m/s and m/s.
 
-    By the time between pulses: that since the last one in s, and the speed read in rad/s.
+    Of an encoder: angle in rad and time in s since the last pulse, and the speed read in rad/s.
     """
 
     motor_speed: PerAxle
     train_speed: Float[Array, ""]
     slip: PerAxle
     turned: PerAxle
-    counted: PerAxle
     since: PerAxle
     read: PerAxle

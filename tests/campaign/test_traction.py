@@ -8,11 +8,14 @@ import pytest
 
 from adhesion_jax.campaign import store
 from adhesion_jax.campaign.keys import noise_keys
-from adhesion_jax.campaign.traction import content, job_of, judge, judged
+from adhesion_jax.campaign.traction import _status, content, job_of, judge, judged
 from adhesion_jax.errors import InputError
 from adhesion_jax.library.status import status
 from adhesion_jax.metrics.closed_loop import FIGURES, by_segment, figures, whole
+from adhesion_jax.metrics.moments import KnownMoments
+from adhesion_jax.report.traction.page import traction_page
 from adhesion_jax.traction.loop import run
+from adhesion_jax.traction.plants.reading import read_plant, shipped
 from adhesion_jax.traction.systems import SYSTEMS
 from adhesion_jax.traction.systems.base import with_parts
 from experiments.claims.traction import plant_of
@@ -165,6 +168,49 @@ def test_shards_have_every_run_of_every_case_once():
     more = asked._replace(runs=6000)
     every = range(first, first + 2 * len(asked.cases))
     assert [more.noisy_runs(n) for n in every] == [asked.noisy_runs(n) for n in every]
+
+
+@pytest.mark.parametrize(
+    ("shares", "stood", "words"),
+    [
+        ([0.9, 0.8, 0.7], [0, 0, 0], "regular"),
+        ([np.nan], [np.nan], "not reached"),
+        ([np.nan], [0], "the computation fails"),
+        ([0.9, np.nan, np.inf], [0, 0, 0], "the computation fails in 2 of 3 runs"),
+        (
+            [0.0, np.nan, np.nan],
+            [1, 0, np.nan],
+            "the computation fails in 1 of 3 runs, the train never moves in 1 of 3 runs",
+        ),
+    ],
+)
+def test_a_run_without_finite_numbers_failed(shares, stood, words):
+    none = {name: np.zeros((len(shares), 1)) for name in FIGURES}
+    known = {"utilisation": np.array(shares)[:, None], "stood": np.array(stood)[:, None]}
+    assert _status(KnownMoments.of({**none, **known}), 0) == words
+
+
+def test_the_verdict_names_methods_that_failed_and_takes_no_share_of_theirs():
+    rows = [
+        {"scenario": "rail", "method": method, "noise": noise, "utilisation": share, "status": told}
+        for method, noise, share, told in (
+            ("sound", "none", 0.9, "regular"),
+            ("sound", "yes", 0.9, "the computation fails in 2 of 32 runs"),
+            ("broken", "none", np.nan, "the computation fails"),
+        )
+    ]
+    metrics = pd.DataFrame(rows).assign(
+        segment="all", **dict.fromkeys({*FIGURES} - {"utilisation"}, 0.0)
+    )
+    metrics = metrics.assign(**{f"{name}_se": np.nan for name in FIGURES})
+    system = SYSTEMS["hxd1f"]
+    plant = read_plant(shipped()["hxd1f"])
+    page = traction_page(system, plant, metrics, metrics, {}, 32)
+    assert page.verdict == (
+        "Share of the largest adhesion that is used, without noise: 90.0 % (“sound”). On “rail” "
+        "with “sound” and noise the computation fails in 2 of 32 runs. On “rail” with “broken” "
+        "the computation fails."
+    )
 
 
 @pytest.mark.slow

@@ -1,6 +1,9 @@
 """The command that runs a system and judges it."""
 
+import inspect
 import json
+import math
+import re
 import sys
 
 import pandas as pd
@@ -11,6 +14,7 @@ from matplotlib.image import imread
 import adhesion_jax as aj
 from adhesion_jax.command_line.command import run
 from adhesion_jax.command_line.traction import main
+from adhesion_jax.library.shards import check_numbers, step_of
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.report.traction.systems import SUBJECTS
 from adhesion_jax.traction.plants.reading import shipped
@@ -96,6 +100,7 @@ def test_the_page_tells_what_was_assumed_and_repaired(written):
         "What was assumed",
         "What was repaired",
         "a heavy-haul train of 10,000 t",
+        "Each row is a run without noise on this plant: light.",
         "Columns of metrics.csv",
         "data:image/png;base64,",
     ):
@@ -113,6 +118,9 @@ def test_controllers_stand_side_by_side_and_change_no_row_of_each_other(tmp_path
     options = ["--system", "hxd1f", *QUICK, "--runs", "0", "--controller", "mine.py:Mine,barrier"]
     found = CliRunner().invoke(main, [*options, "--out", "out"], catch_exceptions=False)
     assert found.exit_code == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Figure 15 of the paper, with the parts named here." in page
+    assert "a sliding mode and with the barrier" not in page
     table = pd.read_csv("out/table.csv").set_index("method")
     beside = "observer full-dimension, seeker constant-slip, controller "
     assert [*dict.fromkeys(table.index)] == [beside + "Mine", beside + "barrier"]
@@ -147,6 +155,10 @@ BAD = {
     ),
     "plant": (["--system", "hxd1f", "--plant", "tgv"], "tgv does not exist; name a TOML file or"),
     "runs": (["--system", "hxd1f", "--runs", "-1"], "is not in the range"),
+    "tuning": (
+        ["--system", "hxd1f", "--tuning-seed", "0"],
+        "--tuning-seed is no option of --system hxd1f",
+    ),
 }
 
 
@@ -161,6 +173,39 @@ def test_what_cannot_be_run_is_refused_in_a_sentence(case, tmp_path, monkeypatch
     assert words in told
     assert told.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"extend": 100}, "go on with the job in a folder; name it as out"),
+        ({"resume": True}, "go on with the job in a folder; name it as out"),
+        ({"animate": True}, "animate draws into a folder; name it as out"),
+        ({"extend": -3, "out": "out"}, "extend is a whole number of further runs, and not -3"),
+        ({"step": 0.0}, "a step is a number of seconds above 0, and not 0.0"),
+        ({"step": math.nan}, "a step is a number of seconds above 0, and not nan"),
+        ({"plant": ""}, "name a TOML file"),
+        ({"controller": ("barrier", "barrier")}, "one name or several, each of them once"),
+        ({"controller": []}, "one name or several, each of them once"),
+    ],
+)
+def test_options_of_python_that_cannot_be_used_are_refused(options, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(aj.InputError, match=re.escape(words)):
+        aj.traction_control("hxd1f", **options)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("check", "given", "words"),
+    [
+        (check_numbers, (4.5, 1, 0), "all whole numbers"),
+        (step_of, ("a", 1e-4), "a step is a number of seconds above 0, and not 'a'"),
+    ],
+)
+def test_options_of_another_kind_are_refused_where_no_kinds_are_checked(check, given, words):
+    with pytest.raises(aj.InputError, match=words):
+        inspect.unwrap(check)(*given)
 
 
 @pytest.mark.parametrize(

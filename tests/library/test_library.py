@@ -204,8 +204,8 @@ def test_data_that_cannot_be_used_are_refused_in_a_sentence(data, says):
         ({"runs": 0}, "runs are from 1 to 1,000,000,000"),
         ({"runs": 10**20}, "runs are from 1 to"),
         ({"seed": -1}, "a seed is from 0"),
-        ({"resume": True}, "for a job in a folder; name it as out"),
-        ({"extend": 5}, "for a job in a folder; name it as out"),
+        ({"resume": True}, "the job in a folder; name it as out"),
+        ({"extend": 5}, "the job in a folder; name it as out"),
         ({"cluster": "local:2"}, "for a job in a folder; name it as out"),
         (
             {"colour": "red"},

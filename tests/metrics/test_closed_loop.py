@@ -74,7 +74,7 @@ def brute(samples, segment):
             reached = begin * PERIOD
             break
     slip_energy = PERIOD * x.slip_power[here].sum()
-    gained = PERIOD * (x.pull * x.train_speed)[here].sum()
+    gained = PERIOD * (x.direction * x.pull * x.train_speed)[here].sum()
     work = abs(gained)
     return {
         "utilisation": share[here].mean(),
@@ -97,7 +97,7 @@ def brute(samples, segment):
         "estimation_rms": rms((x.asked - x.slip)[here]),
         "estimation_rms_settled": rms((x.asked - x.slip)[settled]),
         "adhesion_rms": rms((x.observed - x.adhesion)[here]),
-        "slip_settled": x.slip[settled].mean(),
+        "slip_settled": (x.direction[:, None] * x.slip)[settled].mean(),
         "utilisation_settled": share[settled].mean(),
         "ran_away": float((np.abs(x.slip) > RUNAWAY * np.abs(x.optimum))[settled].any()),
         "rolled_back": float(x.train_speed[here].min() < -0.01),
@@ -153,6 +153,26 @@ def test_the_whole_run_is_one_segment():
     expected = brute(one, 0)
     for name in ("utilisation", "overshoot", "slip_energy_share", "tracking_rms", "jerk_rms"):
         np.testing.assert_allclose(found[name], [expected[name]], rtol=1e-9, err_msg=name)
+
+
+def test_braking_is_useful_work_as_traction_is():
+    """Of 1 kN at 5 m/s for 3 s each way: 30 kJ, and of 300 W of slip 1.8 kJ, .06 of them."""
+    way = np.repeat([1.0, -1.0], 300)
+    samples = samples_of(
+        600,
+        2,
+        direction=way,
+        pull=1e3 * way,
+        slip=np.stack([0.2 * way, 0.2 * way], axis=1),
+        train_speed=np.full(600, 5.0),
+        slip_power=np.full(600, 300.0),
+    )
+    totals = totals_of(samples, 2)
+    found, parts = figures(whole(totals), PERIOD), figures(by_segment(totals), PERIOD)
+    np.testing.assert_allclose(found["utility_0"], [30e3])
+    np.testing.assert_allclose(parts["utility_0"], [15e3, 15e3])
+    np.testing.assert_allclose(found["slip_energy_share"], [0.06])
+    np.testing.assert_allclose(found["slip_settled"], [0.2])
 
 
 def test_a_segment_that_is_not_reached_has_no_figures():

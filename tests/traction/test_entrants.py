@@ -154,6 +154,27 @@ def test_without_noise_the_peak_is_found_to_one_per_cent(name):
     assert float(seeker.identified(state).adhesion[0]) == pytest.approx(largest, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    "name", ["gradient-uyulan2018", "gradient", "perturb-and-observe", "sliding-extremum"]
+)
+def test_in_braking_a_seeker_asks_for_the_same_slip_with_its_sign_turned(name):
+    seeker, (slips, adhesions) = SEEKERS[name], sweep(400)
+    if name == "gradient-uyulan2018":
+        seeker = dataclasses.replace(seeker, switch=0.25)
+
+    def asked(way):
+        def step(state, given):
+            signals = jax.tree.map(lambda one: way * one, signals_of(*given))
+            return seeker.update(state, PLANT, signals, PERIOD)
+
+        first = jax.tree.map(lambda one: way * one, signals_of(slips[0], adhesions[0]))
+        given = jnp.asarray(slips), jnp.asarray(adhesions)
+        return jax.jit(lambda: jax.lax.scan(step, seeker.init(PLANT, first), given)[1])()
+
+    for traction, braking in zip(asked(1.0), asked(-1.0), strict=True):
+        np.testing.assert_allclose(braking, -traction, rtol=1e-9)
+
+
 def test_a_young_rail_asks_for_no_less_than_half_the_start():
     """Samples of a slip that fell, which tell of a peak at .02 m/s, are followed later."""
     seeker = SEEKERS["offset-curve"]

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from adhesion_jax.campaign.traction import NOISY, QUIET, WHOLE
+from adhesion_jax.campaign.traction import FAILED, NOISY, QUIET, WHOLE
 from adhesion_jax.metrics.closed_loop import FIGURES
 from adhesion_jax.report.page import Page, Table, table_of
 from adhesion_jax.report.rendering import page_of, sentences_of
@@ -26,9 +26,12 @@ def traction_page(
     runs: int,
 ) -> Page:
     """`captions` are those of the pictures that were drawn, by the names of their files."""
-    quiet = metrics[(metrics["noise"] == QUIET) & (metrics["segment"] == WHOLE)]
-    used = quiet.groupby("method", sort=False)["utilisation"].mean()
-    verdict = sentences_of("traction_verdict.txt", rows=quiet.to_dict("records"), used=used)
+    whole = metrics[metrics["segment"] == WHOLE]
+    is_quiet, failed = whole["noise"] == QUIET, whole["status"].str.contains(FAILED)
+    sound = whole[is_quiet & ~whole["method"].isin(whole["method"][is_quiet & failed])]
+    used = sound.groupby("method", sort=False)["utilisation"].mean()
+    told = whole[(is_quiet & (whole["status"] != "regular")) | failed]
+    verdict = sentences_of("traction_verdict.txt", rows=told.to_dict("records"), used=used)
     return page_of(
         "traction_page.txt",
         system.title,

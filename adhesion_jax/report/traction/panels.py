@@ -128,12 +128,14 @@ def shown(case: Case, trace: Trace) -> Shown:
 def by_method(
     shown: Sequence[Shown], *methods: str, title: str = "method", unit: SpeedUnit = MPS
 ) -> list[Shown]:
-    """The runs of these methods, in their order; if there are none, those of the first method.
+    """The runs of these methods, in their order, whose panels are called by method or scenario.
 
-    `title` is what their panels are called by: method, or scenario.
+    If there are none: those of the only method, or of all methods in the first scenario.
     """
     found = [one for method in methods for one in shown if one.case.method == method]
-    found = found or [one for one in shown if one.case.method == shown[0].case.method]
+    if not found:
+        found = [one for one in shown if one.case.scenario == shown[0].case.scenario]
+        found, title = (found, "method") if len(found) > 1 else ([*shown], title)
     return [one._replace(title=getattr(one.case, title), unit=unit) for one in found]
 
 

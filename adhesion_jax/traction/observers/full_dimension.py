@@ -22,7 +22,7 @@ class FullDimension(Observer):
     """dw^ = 2 p (w^ - w) + (T - T_L^)/J, dT_L^ = J p^2 (w^ - w), p < 0 in 1/s.
 
     T_L^ is T_L through p^2/(s - p)^2, so that a step is followed to 2 % after 5.83/|p|; the slip
-    passes the same filter. After Fang et al. 2018, Eq. 7 and 8.
+    passes the same filter. After Fang et al. 2018, Eq. 7 and 10.
     """
 
     pole: Setting = -233.0

@@ -150,7 +150,7 @@ class PrintedGradient(Seeker):
     def update(
         self, state: PrintedState, nominal: Plant, signals: Signals, period: float
     ) -> tuple[PrintedState, Reference]:
-        gain = 2 * nominal.radius * self.gain
+        sign, gain = signals.direction, 2 * nominal.radius * self.gain
         slip = state.slip.after(signals.slip, gain, period)
         adhesion = state.adhesion.after(signals.adhesion, gain, period)
         moves = jnp.abs(slip.rate) >= self.threshold
@@ -159,9 +159,9 @@ class PrintedGradient(Seeker):
         since = state.since + period
         # A half of the period keeps the comparison clear of rounding.
         switches = since > self.switch + period / 2
-        asked = jnp.where(switches, signals.slip, state.asked + period * rate)
+        asked = jnp.where(switches, sign * signals.slip, state.asked + period * rate)
         since = jnp.where(switches, period, since)
-        return PrintedState(asked, since, slip, adhesion), Reference(asked, rate)
+        return PrintedState(asked, since, slip, adhesion), Reference(sign * asked, sign * rate)
 
 
 class RepairedState(NamedTuple):

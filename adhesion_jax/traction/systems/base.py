@@ -10,12 +10,12 @@ import jax.numpy as jnp
 from adhesion_jax.traction.controllers import CONTROLLERS, Controller
 from adhesion_jax.traction.driver import Driver
 from adhesion_jax.traction.entrants import Entrant
-from adhesion_jax.traction.loop import Loop
-from adhesion_jax.traction.loop import Terms as Terms
+from adhesion_jax.traction.loop import Loop, Terms
 from adhesion_jax.traction.observers import OBSERVERS, Observer
 from adhesion_jax.traction.plants.base import Plant
 from adhesion_jax.traction.rails import Rails
 from adhesion_jax.traction.seekers import SEEKERS, Seeker
+from adhesion_jax.traction.seekers.given import TrueOptimum
 from adhesion_jax.traction.sensors import Sensors, SpeedNoise
 
 
@@ -63,7 +63,9 @@ NO_SEEKER = "none"
 def with_parts(
     cases: Sequence[Case], observer: str | None, seeker: str | None, controller: str | None
 ) -> Sequence[Case]:
-    """The first case of each scenario with the parts that are named; all cases if none is.
+    """The paper's case of each scenario with the parts that are named; all cases if none is.
+
+    That is the first that is not told the true optimum.
 
     A controller that follows no slip replaces the seeker too.
     """
@@ -80,7 +82,8 @@ def with_parts(
         given["seeker"] = None if seeker == NO_SEEKER else SEEKERS[seeker]
     elif controller is not None and not CONTROLLERS[controller].FOLLOWS:
         given["seeker"] = None
-    firsts = {case.scenario: case for case in reversed(cases)}
+    own = [case for case in cases if not isinstance(case.seeker, TrueOptimum)]
+    firsts = {case.scenario: case for case in reversed(own)}
     return [case._replace(**given) for case in reversed(firsts.values())]
 
 
