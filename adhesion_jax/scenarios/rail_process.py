@@ -71,8 +71,13 @@ class Change(eqx.Module):
     def course(self, points: int) -> tuple[np.ndarray, np.ndarray]:
         """The height of the peak and its slip over those of the rail before, at each sample.
 
-        InputError where no adhesion is left.
+        InputError where no adhesion is left, or nothing is lost that could recover.
         """
+        if self.recovery and not self.fall:
+            raise InputError(
+                f"--recovery {self.recovery:g} is the time in which a loss of adhesion goes back, "
+                "and nothing is lost; give --fall too."
+            )
         sample, last = np.arange(points), points - 1
         lost = self.fall * sample / last
         if self.recovery:
