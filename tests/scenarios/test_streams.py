@@ -72,7 +72,7 @@ def test_a_rail_keeps_some_adhesion():
     assert 0.14 < level.min() < 0.16
     with pytest.raises(InputError, match=r"--fall 0\.9 and --wave 0\.5 leave -0\.29 of"):
         build("stream", Options(fall=0.9, wave=0.5))
-    with pytest.raises(InputError, match="--recovery 50 is .* nothing is lost; give --fall too"):
+    with pytest.raises(InputError, match=r"--recovery 50 is .* nothing is lost; give --fall too"):
         Change(recovery=50.0).course(200)
     with pytest.raises(InputError, match="must stay above 0"):
         Change(fall=0.9, wave=0.5, recovery=900.0, period=1000.0).course(1000)
