@@ -279,12 +279,14 @@ class Rows:
         speed, time = self.numbers["vehicle_speed_mps"], self.numbers["time_s"]
         held = held_for(speed, wheels[0], self.series)
         if held:
-            self.numbers["vehicle_speed_mps"] = between_updates(speed, time, self.series)
+            speed, known = between_updates(speed, time, self.series, held)
+            self.numbers["vehicle_speed_mps"] = speed
             self.notes.append(
                 f"The train speed changes every {number(held * usual_step(time, self.series))} s, "
                 "and that of the wheel in the rows between too: a straight line is taken between "
-                "the rows in which the train speed changes."
+                "the rows in which the train speed is told."
             )
+            self.leave(~known, "the train speed is not told again before a gap or the end")
 
     def without_leaps(self) -> None:
         """Keeps the rows in which the speed of the wheel does not leap for one row."""

@@ -1,8 +1,10 @@
 """Speeds that are none: held between updates, or of a wheel whose signal drops out."""
 
+from itertools import pairwise
+
 import numpy as np
 
-from adhesion_jax.data.stretches import longest_step, stretches
+from adhesion_jax.data.stretches import longest_step, stretches, usual_step
 
 #: No wheel gains or loses speed faster, in m/s^2: 70 kN turn a wheelset of 420 kg m2 with 60.
 ACCELERATION = 60.0
@@ -32,14 +34,28 @@ def held_for(speed: np.ndarray, wheel: np.ndarray, series: np.ndarray) -> int:
     return rows if beyond >= _BEYOND_A_DIGIT and turns_on >= _TURNS_ON else 0
 
 
-def between_updates(speed: np.ndarray, time: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """The speed, [rows], on straight lines between the rows in which it changes."""
-    found = speed.copy()
+def between_updates(
+    speed: np.ndarray, time: np.ndarray, series: np.ndarray, held: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """A held speed, [rows], on straight lines between updates, and whether it is known, [rows].
+
+    From a change on it is told every `held` rows, by the same value until it changes. After the
+    last update of a stretch it is not known; a stretch without a change is left as it is.
+    """
+    found, known = speed.copy(), np.ones(speed.size, bool)
+    step = usual_step(time, series)
     for rows in stretches(time, series):
-        own = speed[rows]
-        new = np.flatnonzero(np.append(True, np.diff(own) != 0))
-        found[rows] = np.interp(time[rows], time[rows][new], own[new])
-    return found
+        own, at = speed[rows], time[rows]
+        change = (1 + np.flatnonzero(np.diff(own))).tolist()
+        if not change:
+            continue
+        # The first value may have been told before the stretch begins.
+        begins = [-(-change[0] % held), *change, rows.size]
+        told = np.concatenate([np.arange(*ends, held) for ends in pairwise(begins)])
+        when = np.where(told < 0, at[0] + told * step, at[np.maximum(told, 0)])
+        found[rows] = np.interp(at, when, own[np.maximum(told, 0)])
+        known[rows[told[-1] + 1 :]] = False
+    return found, known
 
 
 def dropouts(

@@ -24,18 +24,31 @@ def test_a_held_speed_is_put_on_straight_lines(rows):
     held = np.repeat(SPEED[::rows], rows)
     assert held_for(held, WHEEL, ONE) == rows
     found = to_measured("log", log(held))
-    lines = np.interp(TIME, TIME[::rows], SPEED[::rows])
-    lines[-rows:] = held[-rows:]
+    lines = np.interp(TIME, TIME[::rows], SPEED[::rows])[: 400 - rows + 1]
     np.testing.assert_allclose(found.table["vehicle_speed_mps"], lines, rtol=1e-12)
-    np.testing.assert_allclose(found.table["slip_ratio"], WHEEL / lines - 1, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.table["slip_ratio"], WHEEL[: lines.size] / lines - 1, rtol=1e-9
+    )
     assert any(f"changes every {rows / 10:g} s" in note for note in found.notes)
 
 
 def test_lines_do_not_go_on_over_a_gap():
     held, time = np.repeat(SPEED[::10], 10), np.where(TIME < 20, TIME, TIME + 100)
-    found = between_updates(held, time, ONE)
-    assert found[199] == held[199]
+    found, known = between_updates(held, time, ONE, 10)
+    assert found[190] == held[190]
+    assert not known[191:200].any()
+    assert known[200]
     assert found[205] == pytest.approx(0.5 * (held[205] + held[210]), rel=1e-12)
+
+
+def test_a_value_that_is_told_again_holds_until_then():
+    """Told in rows 3, 13, 23 and so on; the speed changes in the last of these but one."""
+    held = np.where(np.arange(60) < 43, 15.0, 16.0)
+    found, known = between_updates(held, TIME[:60], ONE[:60], 10)
+    np.testing.assert_allclose(found[:33], 15.0, rtol=1e-12)
+    np.testing.assert_allclose(found[33:44], 15 + np.arange(11) / 10, rtol=1e-12)
+    np.testing.assert_allclose(found[43:54], 16.0, rtol=1e-12)
+    assert np.flatnonzero(~known).tolist() == [*range(54, 60)]
 
 
 @pytest.mark.parametrize(
