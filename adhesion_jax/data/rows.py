@@ -8,7 +8,13 @@ import numpy as np
 import pandas as pd
 
 from adhesion_jax.data.columns import COLUMNS, LABELS, MODES
-from adhesion_jax.data.speeds import ACCELERATION, between_updates, dropouts, held_for
+from adhesion_jax.data.speeds import (
+    ACCELERATION,
+    LONGEST_HELD_S,
+    between_updates,
+    dropouts,
+    held_for,
+)
 from adhesion_jax.data.stretches import (
     GAP_S,
     going_on,
@@ -277,12 +283,12 @@ class Rows:
         if not wheels or not {"vehicle_speed_mps", "time_s"} <= {*self.numbers}:
             return
         speed, time = self.numbers["vehicle_speed_mps"], self.numbers["time_s"]
-        held = held_for(speed, wheels[0], self.series)
-        if held:
+        held, step = held_for(speed, wheels[0], self.series), usual_step(time, self.series)
+        if 0 < held * step <= LONGEST_HELD_S:
             speed, known = between_updates(speed, time, self.series, held)
             self.numbers["vehicle_speed_mps"] = speed
             self.notes.append(
-                f"The train speed changes every {number(held * usual_step(time, self.series))} s, "
+                f"The train speed changes every {number(held * step)} s, "
                 "and that of the wheel in the rows between too: a straight line is taken between "
                 "the rows in which the train speed is told."
             )

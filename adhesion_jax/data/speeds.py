@@ -9,6 +9,9 @@ from adhesion_jax.data.stretches import longest_step, stretches, usual_step
 #: No wheel gains or loses speed faster, in m/s^2: 70 kN turn a wheelset of 420 kg m2 with 60.
 ACCELERATION = 60.0
 
+#: A speed that keeps a value for longer, s, was set to it, as on a rig; no receiver is so slow.
+LONGEST_HELD_S = 2.0
+
 #: A speed is held if nearly all of its changes, and there are some, lie a multiple of one number of
 #: rows apart, most of them change it by more than its last digit, and the wheel turns on meanwhile.
 _REGULAR, _FEWEST, _BEYOND_A_DIGIT, _TURNS_ON = 0.95, 20, 0.3, 0.5

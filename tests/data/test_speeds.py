@@ -32,6 +32,13 @@ def test_a_held_speed_is_put_on_straight_lines(rows):
     assert any(f"changes every {rows / 10:g} s" in note for note in found.notes)
 
 
+def test_a_speed_that_is_set_step_by_step_is_left_as_it_is():
+    """A value for 10 s is one of a rig, and none of a slow receiver."""
+    steps = log(np.repeat(SPEED[::10], 10)).assign(time_s=10 * TIME)
+    table = to_measured("log", steps).table
+    np.testing.assert_array_equal(table["vehicle_speed_mps"], steps["vehicle_speed_mps"])
+
+
 def test_lines_do_not_go_on_over_a_gap():
     held, time = np.repeat(SPEED[::10], 10), np.where(TIME < 20, TIME, TIME + 100)
     found, known = between_updates(held, time, ONE, 10)
