@@ -110,9 +110,9 @@ def test_a_scenario_has_options_of_its_own(folder):
 def test_the_options_of_a_scenario_are_in_its_help_and_in_their_range(folder):
     asked = "montecarlo --scenario steep.py:steep"
     assert "Steepness of the rise, c2." in " ".join(ran(f"{asked} --help", folder).stdout.split())
-    refused = ran(f"{asked} --steepness 201", folder)
+    refused = ran(f"{asked} --steepness 151", folder)
     assert refused.returncode == 2
-    assert "10<=x<=200" in refused.stderr
+    assert "20<=x<=150" in refused.stderr
     refused = ran(f"{asked} --points 100", folder)
     assert "--points does not go with --scenario steep" in refused.stderr
 
