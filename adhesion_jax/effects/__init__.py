@@ -93,6 +93,8 @@ def family_of(name: str) -> str:
 def in_words(name: str) -> str:
     """An effect's or a candidate's name within a sentence; columns stay as they are in the file."""
     kind, _, columns = name.partition(":")
+    if kind == "slip_noise":  # which is found beside the effects and is none
+        return "noise in the slip signal"
     if kind not in KINDS:
         return kind.replace("_", " ") + (f" of {columns}" if columns else "")
     return KINDS[kind].FACTS.phrase.replace("{}", columns)

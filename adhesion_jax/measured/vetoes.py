@@ -335,8 +335,8 @@ def zero_elsewhere(
     return (
         f"By a straight line through the points below slip {size[low].max():.3g}{unit} "
         f"adhesion is 0 at slip {zero:.3g}{unit} and not at slip 0: {radius}a force whose "
-        f"zero is off by {-level:.2g} of the load, does that; correct it, for the peak and its "
-        "slip are moved by as much."
+        f"zero is off by {-level:.2g} of the load, does that; correct it first, for the slip of "
+        "the peak or its height is off by as much."
     )
 
 

@@ -110,3 +110,14 @@ def test_a_wrong_radius_is_seen_where_adhesion_is_zero_beyond_slip_zero(name, si
     found = re.search(r"adhesion is 0 at slip (\S+) and not at slip 0", said)
     assert float(found[1]) == pytest.approx(0.012, abs=0.003)
     assert "a wheel radius that is wrong by 1" in said
+
+
+def test_where_a_straight_rise_meets_zero_is_told_to_three_digits():
+    slip = np.linspace(0.0124, 0.2, 400)
+    adhesion = np.minimum(8.0 * (slip - 0.0123), 0.3)
+    said = zero_elsewhere(as_points(slip, adhesion), slip, 0.0, "")
+    assert "adhesion is 0 at slip 0.0123 and not at slip 0: a wheel radius" in said
+    assert "a force whose zero is off by 0.098 of the load" in said
+    velocity = zero_elsewhere(as_points(slip, adhesion), slip, 0.0, " m/s")
+    assert "adhesion is 0 at slip 0.0123 m/s and" in velocity
+    assert "radius" not in velocity

@@ -69,7 +69,7 @@ def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
         if why:
             reasons.setdefault(why, []).append(in_words(name))
     if not problem.in_time:
-        reasons.setdefault(NO_TIME, []).append("noise in the slip signal")
+        reasons.setdefault(NO_TIME, []).append(in_words("slip_noise"))
     sentences = [f"Not tested: {', '.join(names)} ({why})." for why, names in reasons.items()]
     for name, values in problem.flat.items():
         limits = _NARROW.get(name)

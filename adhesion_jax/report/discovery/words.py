@@ -20,9 +20,6 @@ from adhesion_jax.effects import in_words
 from adhesion_jax.report.rendering import one_line, sentences_of
 from adhesion_jax.wording import listed, number, p_is
 
-#: What is found beside the effects and is none.
-_NOISE = {"slip_noise": "noise in the slip signal"}
-
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
     "level": "acts on the level of the curve",
@@ -40,7 +37,7 @@ _SUFFIXES = ("per_m", "mps2", "mps", "pct", "rad", "deg", "s", "N", "C", "m")
 
 def humanised(name: str) -> str:
     """An effect's name in words; names of columns stay as they are in the file."""
-    return one_line(_NOISE.get(name) or in_words(name))
+    return one_line(in_words(name))
 
 
 def decision(words: str) -> str:

@@ -96,9 +96,10 @@ class Identified:
 def verdict(found: Identified) -> Sections:
     """The verdict in sentences under titles: what forbids an answer comes first."""
     ranked, fits, best, left = found.ranked, found.fits, found.fit, found.residuals[found.best]
-    second = fits[ranked[min(1, len(ranked) - 1)]]
+    other = ranked[min(1, len(ranked) - 1)]
+    second = fits[other]
     by_part = (best.left_out - second.left_out) / dependence(fits)
-    occam = best.departure.occam - second.departure.occam
+    densities = log_densities(fits)
     table = found.measured.table
     slips, adhesion = table[found.measured.slip], table["adhesion"]
     departure, at_slip = _departure(best, float(slips.abs().min()))
@@ -117,7 +118,7 @@ def verdict(found: Identified) -> Sections:
         "beyond_noise": int(((slips * adhesion < 0) & beyond).sum()),
         "departure": departure,
         "at_slip": at_slip,
-        "gain": float(np.sum(by_part)) - occam,
+        "gain": densities[found.best] - densities[other],
         "gain_se": float(np.sqrt(by_part.size) * np.std(by_part)),
         "weights": weights_of(found.answer),
         "exact_fit": best.rms <= EXACT * np.sqrt(np.mean(left.adhesion**2)),
