@@ -115,7 +115,7 @@ def test_a_time_of_the_campaign_and_a_speed_of_the_curve_beyond_training_are_tol
         return {words.split(" have ")[1].split(" outside ")[0] for _, words in found}
 
     assert told("drift", timed) == set()
-    assert told("drift", later) == {"campaign_time", "vehicle_speed_mps"}
+    assert told("drift", later) == {"time_s", "vehicle_speed_mps"}
     # A lag rests on time too, but on no time of the campaign.
     assert told("lag", later) == {"vehicle_speed_mps"}
 

@@ -41,6 +41,33 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     assert {*(f"k of {one}" for one in "abcd"), *refined} == {*told.parameters} == {*told.units}
 
 
+def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():
+    """Sand that takes 3 s to arrive was on for 2 s at a time, and wets the rail at once."""
+    draw = np.random.default_rng(4)
+    table = campaign(draw)
+    second = table["time_s"] - table.groupby("run")["time_s"].transform("min")
+    on = (second % 10 >= 4) & (second % 10 < 6)
+    step = table["time_s"].diff().where(table["run"].diff() == 0, 0.0)
+    there, sand = 0.0, []
+    for flag, seconds in zip(on, step, strict=True):
+        kept = np.exp(-seconds / (3.0 if flag else 1.0))
+        there = (kept * there + (1 - kept) * flag) * (seconds > 0)
+        sand.append(there)
+    table["sanding"] = on.astype(float)
+    change = (1 + 1.2 * np.array(sand)) * np.exp(-0.2 * (on - 0.5))
+    table["adhesion"] = change * curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
+    arrives = EFFECTS["sanding"](k=1.0, build_up=2.0, decay=1.0)
+    wets = Memory(-0.1, 0.01, 0.5, 0.5, column="sanding")
+    effect = Accepted(
+        "sanding", ("sanding",), "sand", False, ("sanding",), (arrives, wets), 0.0005, 90.0
+    )
+    (shown,) = dependences(state_of(table, effect), seed=0)
+    assert shown.column == "time since a step of sanding"
+    assert 1.7 < shown.values[-1] <= 2.0
+    last = (1 + 1.2 * (1 - np.exp(-shown.values[-1] / 3.0))) * np.exp(-0.2)
+    assert shown.factor[-1] / shown.factor[0] == pytest.approx(last, rel=0.02)
+
+
 @pytest.mark.parametrize("time_s", ["goes on", "starts anew", "is not there"])
 def test_a_drift_is_shown_over_the_time_that_the_campaign_has(time_s):
     draw = np.random.default_rng(6)

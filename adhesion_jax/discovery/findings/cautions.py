@@ -123,11 +123,16 @@ def extrapolated(
     used |= {name for part in law.effects for name in part.FACTS.needs}
     used |= {getattr(part, word) for part in law.effects for word in words_of(type(part))}
     found = []
-    for name in sorted(used & set(law.ranges) & set(whole)):
-        low, high = law.ranges[name]
-        share = float(np.mean((whole[name][inside] < low) | (whole[name][inside] > high)))
-        if share <= rules.MUCH_OUTSIDE and name in problem.flat:
-            both = whole[name][inside], problem.flat[name]
+    for condition in sorted(used & set(law.ranges) & set(whole)):
+        name, start, length = condition, 0.0, 1.0
+        if condition == "campaign_time":
+            name, start = law.calendar.column, float(law.calendar.start)
+            length = float(law.calendar.end) - start
+        low, high = (start + length * one for one in law.ranges[condition])
+        judged = start + length * whole[condition][inside]
+        share = float(np.mean((judged < low) | (judged > high)))
+        if share <= rules.MUCH_OUTSIDE and condition in problem.flat:
+            both = judged, start + length * problem.flat[condition]
             found += _apart(name, *both) or _in_gap(name, *both)
         found.append(
             (

@@ -9,7 +9,7 @@ from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.model.fitting import changes_of, covariance, nearly_fitted, size_of
 from adhesion_jax.discovery.model.packing import Model, pack
-from adhesion_jax.discovery.model.problem import Data, label_of
+from adhesion_jax.discovery.model.problem import Data, Problem, label_of
 from adhesion_jax.discovery.search.state import Accepted, Selection, slots_of
 from adhesion_jax.discovery.search.trials import is_worth
 from adhesion_jax.discovery.types import BRAKING, Dependence
@@ -188,18 +188,29 @@ def _after_step(
 ) -> Dependence:
     """The dependence on time after the slip steps from a fifth of its median to its median.
 
-    Another driver than the slip is one throughout.
+    Another driver than the slip steps from nothing to one. It lasts no longer than in the data.
     """
     shape = state.setting.problem.points.shape
-    grid = np.linspace(0.0, _SECONDS, shape[1])
+    grid = np.linspace(0.0, min(_SECONDS, _longest(state.setting.problem, driver)), shape[1])
     slip = float(np.median(state.setting.problem.flat["slip_ratio"]))
     columns = {
         "time_s": np.tile(grid, (shape[0], 1)),
         "slip_ratio": np.tile(np.where(grid > 0, slip, 0.2 * slip), (shape[0], 1)),
     }
-    columns.setdefault(driver, np.ones(shape))
+    columns.setdefault(driver, np.tile(np.where(grid > 0, 1.0, 0.0), (shape[0], 1)))
     factors = _factors(state, parts, draws, columns)[:, 0]
     return _banded(name, f"time since a step of {driver}", "s", grid, factors)
+
+
+def _longest(problem: Problem, driver: str) -> float:
+    """The most seconds for which a driver stays above half of its largest value in a run."""
+    conditions = {**problem.data.conditions, "slip_ratio": np.abs(problem.data.slip)}
+    inside, values = problem.points > 0, np.asarray(conditions[driver])
+    acts = np.pad(inside & (values > 0.5 * values[inside].max()), ((0, 0), (1, 1)))
+    time = np.asarray(conditions["time_s"])
+    run, first = np.nonzero(acts[:, 1:] & ~acts[:, :-1])
+    _, last = np.nonzero(acts[:, :-1] & ~acts[:, 1:])
+    return float(np.max(time[run, last - 1] - time[run, first], initial=0.0)) or _SECONDS
 
 
 def _factors(

@@ -98,11 +98,13 @@ class Gain(NamedTuple):
 
         Student's t = total/error is too small where a few runs gain most, because their gains widen
         the error as well. Hall's cubic removes the skewness s: t + s t^2/3 + s^2 t^3/27 + s/6. Hall
-        1992, J. R. Statist. Soc. B 54, 221-228.
+        1992, J. R. Statist. Soc. B 54, 221-228. Its slope is zero at t = -3/s: where one run loses
+        much, no gain of the others would be sure. So s is not taken below -1.5/t.
         """
         if not 0 < self.error < np.inf:
             return np.inf if self.total > 0 and self.error == 0 else 0.0
-        t, s = self.total / self.error, self.skewness
+        t = self.total / self.error
+        s = max(self.skewness, -1.5 / t) if t > 0 else self.skewness
         even = t + s * t**2 / 3 + s**2 * t**3 / 27 + s / 6
         return float(scipy.stats.norm.isf(scipy.stats.t.sf(even, self.freedom)))
 

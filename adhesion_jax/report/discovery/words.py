@@ -228,6 +228,12 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
         return ""
     most = max(own, key=lambda one: float(np.ptp(one.factor)))
     column, factor = column_label(most.column, most.unit), most.factor
+    if most.labels:
+        low, high = int(np.argmin(factor)), int(np.argmax(factor))
+        return (
+            f"adhesion is {percent(1 - factor[low] / factor[high])} lower where {most.column} is "
+            f"{most.labels[low]} than where it is {most.labels[high]}"
+        )
     turned = np.flatnonzero(factor < 0)
     if turned.size:  # as next to slip 0, which a bias moves
         return f"adhesion has the other sign where {column} is {number(most.values[turned[0]])}"
