@@ -290,7 +290,8 @@ def check_curve(measured: Measured) -> None:
 def refuse_useless(measured: Measured, fault: str) -> None:
     """Raises InputError for too few points, for a further fault, or for an impossible adhesion."""
     slip, adhesion = measured.table[measured.slip], measured.table["adhesion"]
-    fault = _too_few(len(slip)) or fault or _adhesion_fault(slip, adhesion)
+    speed = measured.table.get("vehicle_speed_mps", 1.0)
+    fault = _too_few(len(slip)) or fault or _adhesion_fault(slip, adhesion, speed)
     if fault:
         raise InputError(f"{measured.name} cannot be used: {fault}.")
 
@@ -303,13 +304,17 @@ def _too_few(points: int) -> str:
     return f"there {held} (at least {POINTS} rows of data are needed)"
 
 
-def _adhesion_fault(slip: pd.Series, adhesion: pd.Series) -> str:
-    """A clause on why the adhesion cannot belong to the slip, both [points]; empty if it can."""
+def _adhesion_fault(slip: pd.Series, adhesion: pd.Series, speed: pd.Series | float) -> str:
+    """A clause on why the adhesion cannot belong to the slip, [points]; empty if it can.
+
+    Of a slow train the ratio of a noisy slip velocity is large: rows count by the velocity.
+    """
     if (adhesion == 0).all():
         return "column adhesion is 0 in every row (no curve can be fitted to that)"
     product, size = slip * adhesion, adhesion.abs()
     # Where either is small, noise and an offset of the slip may turn a sign.
-    clear = (slip.abs() > _ROLLING * slip.abs().max()) & (size > _ROLLING * size.max())
+    slid = (slip * speed if slip.name == "slip_ratio" else slip).abs()
+    clear = (slid > _ROLLING * slid.max()) & (size > _ROLLING * size.max())
     sides = {"positive": clear & (slip > 0), "negative": clear & (slip < 0)}
     apart = [
         f" where that is {sign}"

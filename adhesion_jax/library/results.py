@@ -23,8 +23,16 @@ P = ParamSpec("P")
 T = TypeVar("T")
 Columns = Mapping[str, object]
 
-#: How a command is told what a column is.
-_OPTION = re.compile(r'--column "([^"=]+)=([^"]*)"')
+#: The options of a command in a sentence, and the arguments of a function that say the same.
+_ARGUMENTS = {
+    r'--column "([^"=]+)=([^"]*)"': r'columns={"\1": "\2"}',
+    r"--delay (\w+)=([\d.]+)": r'delays={"\1": \2}',
+    r"--axles\b": "axles=True",
+    r"--whole\b": "events=False",
+    r"--events\b": "events",
+    r"--wheel-radius\b": "wheel_radius",
+    r"--gear-ratio\b": "gear_ratio",
+}
 
 
 @runtime_checkable
@@ -62,7 +70,8 @@ def written(
 def recorded(function: Callable[P, T]) -> Callable[P, T]:
     """The function, whose name and arguments are told beside the files in the folder `out`.
 
-    Where a column is not understood the answers to choose from are those of the function.
+    Where something is to be said of the data it is told by arguments of the function; of tables
+    that a command has read (`Measured`) by its options.
     """
 
     @wraps(function)
@@ -70,7 +79,12 @@ def recorded(function: Callable[P, T]) -> Callable[P, T]:
         try:
             found = function(*args, **kwargs)
         except InputError as error:
-            raise InputError(_OPTION.sub(r'columns={"\1": "\2"}', str(error))) from None
+            given = [one for part in args for one in (part if isinstance(part, list) else [part])]
+            sentence = str(error)
+            if not any(isinstance(one, Measured) for one in given):
+                for option, argument in _ARGUMENTS.items():
+                    sentence = re.sub(option, argument, sentence)
+            raise InputError(sentence) from None
         arguments = signature(function).bind(*args, **kwargs).arguments
         if arguments.get("out") is not None:
             folder = Path(arguments["out"])

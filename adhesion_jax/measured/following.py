@@ -105,6 +105,8 @@ class _Tally(NamedTuple):
     resets: Int[Array, ""]
     skipped: Int[Array, ""]
     trusted: Int[Array, ""]
+    ages: Int[Array, " lanes"]  # samples since the last reset of each lane
+    by_slope: Float[Array, "2"]  # relative differences of the lanes, of mu_max and of slip_opt
 
 
 _Carry = tuple[State, _Tally, Window]
@@ -246,7 +248,8 @@ def _table(
     """The estimates with `at_least`, where no fall is sure, and `reached`, the adhesion had surely.
 
     Errors of estimates are `widening` times those of independent noise, and those of `Fall`, of
-    which `rows` has all fields, `alike` times. With too few samples `reached` is 0.
+    which `rows` has all fields, `alike` times. `reached` is 0 with too few samples, and where it
+    lies above the band of a trusted estimate: the rail had it before, and has it no more.
     """
 
     def error(name: str) -> np.ndarray:
@@ -254,17 +257,20 @@ def _table(
         with np.errstate(invalid="ignore"):  # an estimate may be infinite
             return np.sqrt(noise**2 + slope**2 + (form[name] * rows[name]) ** 2)
 
+    of_peak = error("mu_max")
+    reached = np.fmax(rows["reached"] - BELOW * alike * rows["reached_se"], 0.0)
+    before = reached > rows["mu_max"] + QUANTILE * of_peak
     return pd.DataFrame(
         {
             "sample": log.used[rows["sample"]],
             "mu_max": rows["mu_max"],
-            "mu_max_se": error("mu_max"),
+            "mu_max_se": of_peak,
             "slip_opt": rows["slip_opt"],
             "slip_opt_se": error("slip_opt"),
             "reset": rows["reset"] > 0,
             **{name: rows[name].astype(int) for name in ("status", "resets", "skipped")},
             "at_least": ~(rows["fall"] > _SURE * alike * rows["fall_se"]),
-            "reached": np.fmax(rows["reached"] - BELOW * alike * rows["reached_se"], 0.0),
+            "reached": np.where(before & (rows["status"] == Status.TRUSTED), 0.0, reached),
         }
     )
 
@@ -288,7 +294,9 @@ def _carried(method: Identifier, known: Known) -> _Carry:
     """What is carried before any sample; states [lanes]."""
     states = jax.vmap(method.init, in_axes=(0, None))(known, jax.random.key(0))
     none = jnp.int32(0)
-    return states, _Tally(jnp.int32(-1), jnp.zeros(()), *(none for _ in range(5))), empty()
+    ages = jnp.zeros(jnp.shape(known.curve.a0), jnp.int32)
+    counted = (none for _ in range(5))
+    return states, _Tally(jnp.int32(-1), jnp.zeros(()), *counted, ages, jnp.zeros(2)), empty()
 
 
 # A curve in what a kept program returns would not be read again, so both return leaves.
@@ -312,7 +320,9 @@ def _chunk(
 
     It is one array, since the loop takes longer with one for each. The first lane has the initial
     slope itself, the others, if any, lie one standard error of it below and above: `_by_slope` is
-    half their difference. Of samples that are not `in_time` the slip tells nothing of its noise.
+    half their difference, relative to the estimate as it was when all lanes rested on the same
+    samples, for each gives up the past by itself. Of samples that are not `in_time` the slip tells
+    nothing of its noise.
     """
     first = jax.tree.map(lambda leaf: leaf[0], known)
 
@@ -330,8 +340,8 @@ def _chunk(
             lambda new, old: jnp.where(fresh, new, old), (after, longer), (tally, window)
         )
         told = {
-            **_value("mu_max", now),
-            **_value("slip_opt", now),
+            **_value("mu_max", now, after.by_slope[0]),
+            **_value("slip_opt", now, after.by_slope[1]),
             "status": now.status[0],
             "changed": (after.status != carry[1].status) & (carry[1].status >= 0),
             "reset": now.reset[0],
@@ -359,6 +369,8 @@ def _counted(
 ) -> _Tally:
     error = jnp.where(jnp.isfinite(error), error, 0.0)
     both = jnp.where(start, 0.0, jnp.sign(error) * jnp.sign(tally.error)).astype(jnp.int32)
+    ages = jnp.where(now.reset, 0, tally.ages + 1)
+    apart = jnp.stack([_apart(now.values[name]) for name in ("mu_max", "slip_opt")])
     return _Tally(
         now.status[0].astype(jnp.int32),
         error,
@@ -367,15 +379,21 @@ def _counted(
         tally.resets + now.reset[0],
         tally.skipped + now.skipped[0],
         tally.trusted + (now.status[0] == Status.TRUSTED.value),
+        ages,
+        jnp.where(jnp.all(ages == ages[0]), apart, tally.by_slope),
     )
 
 
-def _value(name: str, now: Estimate) -> dict[str, Float[Array, ""]]:
+def _apart(value: Float[Array, " lanes"]) -> Float[Array, ""]:
+    """Half the difference of the lanes of a larger and of a smaller slope, over the estimate."""
+    return (value[2] - value[1]) / (2 * value[0]) if value.size > 1 else jnp.zeros(())
+
+
+def _value(name: str, now: Estimate, by_slope: Float[Array, ""]) -> dict[str, Float[Array, ""]]:
     """The value, the standard error that the method has, and that by the initial slope."""
-    value, place = now.values[name], list(now.values).index(name)
-    slope = (value[2] - value[1]) / 2 if value.size > 1 else jnp.zeros(())
+    value, place = now.values[name][0], list(now.values).index(name)
     return {
-        name: value[0],
+        name: value,
         f"{name}_se": jnp.sqrt(now.covariance[0, place, place]),
-        f"{name}_by_slope": slope,
+        f"{name}_by_slope": by_slope * value,
     }

@@ -74,7 +74,8 @@ def to_log(measured: Measured, wanted: bool | None = None) -> Log:
     if "axle" in table and table["axle"].nunique() > 1:
         raise InputError(
             f"{measured.name} has {table['axle'].nunique()} axles, and a method follows one; name "
-            'the columns of that axle, as by --column "wheel_speed=v_Rad1", or a file of one.'
+            'the columns of that axle, as by --column "wheel_speed=v_Rad1" and --column '
+            '"axle_force=Z_Achse1", or a file of one.'
         )
     (chosen,) = events_of([measured], wanted, _FEWEST)
     runs = group(measured).run

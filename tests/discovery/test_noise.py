@@ -58,8 +58,13 @@ def test_a_column_computed_from_a_signal_echoes_it_and_a_cause_does_not():
         course=curve(table["slip_ratio"].rolling(9, center=True, min_periods=1).mean())
         + 0.004 * draw.normal(size=len(table)),
     )
+    of_run = table.groupby("run")["adhesion"]
+    later = of_run.shift(1).fillna(table["adhesion"])  # a tenth of the range is its own noise
+    table["motor_A"] = 1400 * (0.5 * table["adhesion"] + 0.5 * later)
+    table["motor_A"] += 12 * draw.normal(size=len(table))
     found = echoes(fitted_to(table))
-    assert {*found} == {"drive_Nm", "drum_mps"}
+    assert {*found} == {"drive_Nm", "drum_mps", "motor_A"}
+    assert "motor_A follows the adhesion as the slip moves it: 9" in found["motor_A"]
     assert "drive_Nm repeats the adhesion" in found["drive_Nm"]
     assert "drum_mps repeats the slip" in found["drum_mps"]
 

@@ -8,12 +8,17 @@ from scipy.signal import savgol_filter
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.model.fitting import Fitted
+from adhesion_jax.wording import percent
 
 #: Rows through which the parabolas are laid whose deviations are compared.
 _WINDOW = 9
 
 #: A column repeats a signal if its fast changes explain this share of the variance of the signal's.
 _SAME = 0.75
+
+#: A column follows the adhesion if it shares this much of its variance within the runs while the
+#: slip, of which a cause knows nothing, makes at least so much of that. By hand.
+_CLOSELY, _BY_SLIP = 0.9, 0.5
 
 #: The load follows the force if one line through both explains this share of its variance within
 #: the runs, and over all of them.
@@ -26,19 +31,25 @@ def echoes(fitted: Fitted) -> Mapping[str, str]:
     Motor torque or power goes with adhesion, and the speed of the wheel with slip, not as causes
     but because one was computed from the other. Then even the noise of both is the same: compared
     are the deviations from parabolas through nine neighbours, of which a cause shares only a part.
-    Nor is a load that rises and falls with the force as the slip does: the pull moves weight from
-    axle to axle.
+    A motor current with noise of its own still follows adhesion as the slip moves it, and better
+    than the curve. Nor is a load a cause that rises and falls with the force as the slip does: the
+    pull moves weight from axle to axle.
     """
     problem = fitted.setting.problem
     data = problem.data
     slip, adhesion = np.asarray(data.slip), np.asarray(data.adhesion)
     load = np.asarray(data.conditions["normal_load_N"])
     speed = np.asarray(data.conditions["vehicle_speed_mps"])
+    scales = (1.0, load, load * speed)
     signals = {
-        "adhesion": [adhesion, adhesion * load, adhesion * load * speed],
+        "adhesion": [adhesion * scale for scale in scales],
         "slip": [slip, slip * speed],
     }
     fast = {name: [_fast(fitted, one) for one in some] for name, some in signals.items()}
+    inside = problem.points > 0
+    curve = [_within(np.asarray(fitted.adhesion) * scale, inside) for scale in scales]
+    pulls = [_within(one, inside) for one in signals["adhesion"]]
+    swept = _share(curve[0], pulls[0]) > _BY_SLIP
     found = {}
     for place, column in enumerate(problem.columns):
         if column in COLUMNS or column not in problem.measured or column in problem.named:
@@ -52,6 +63,15 @@ def echoes(fitted: Fitted) -> Mapping[str, str]:
                     f"{column} repeats the {name} row by row, noise and all: one was probably "
                     "computed from the other, so that it is no cause of it. It is left out."
                 )
+        moves = _within(values, inside)
+        followed, best = max((_share(moves, one), at) for at, one in enumerate(pulls))
+        closely = followed > max(_CLOSELY, _share(moves, curve[best]))
+        if column not in found and swept and closely:
+            found[column] = (
+                f"{column} follows the adhesion as the slip moves it: {percent(followed)} of their "
+                "variance within the runs is common. So does what is computed from the force or "
+                "makes it, and no cause of adhesion at a given slip. It is left out."
+            )
     if "normal_load_N" in problem.flat and _moved_by(fitted, load, adhesion * load):
         found["normal_load_N"] = (
             "The load rises and falls with the force within the runs, as the pull moves weight "
