@@ -106,5 +106,10 @@ def test_results_are_told_by_axle_beside_those_of_all():
 
 
 def test_a_method_follows_one_axle():
-    with pytest.raises(InputError, match="has 4 axles, and a method follows one"):
+    with pytest.raises(InputError, match="has 4 axles, and a method follows one") as refused:
         aj.track(side_by_side(), "riv")
+    both = 'as by columns={"wheel_speed": "v_Rad1"} and columns={"axle_force": "Z_Achse1"}'
+    assert both in str(refused.value)
+    # A command, which reads the table before, tells its own options.
+    with pytest.raises(InputError, match='as by --column "wheel_speed=v_Rad1" and --column "ax'):
+        aj.track(to_measured("axles", side_by_side()), "riv")

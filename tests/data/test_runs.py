@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from adhesion_jax.data import SHIPPED, matching, read_all, read_measured, runs, to_runs
+from adhesion_jax.data import SHIPPED, check_curve, matching, read_all, read_measured, runs, to_runs
 from adhesion_jax.data.runs import cut_alike, in_blocks
 from adhesion_jax.data.stretches import steps_in_runs
 from adhesion_jax.errors import InputError
@@ -239,6 +239,25 @@ def test_braking_is_ordinary_and_one_slip_value_is_allowed(tmp_path):
     assert "mostly of the other sign than slip_ratio" in refused(written(tmp_path, opposite))
     nothing = campaign().assign(adhesion=0.0)
     assert "column adhesion is 0 in every row" in refused(written(tmp_path, nothing))
+
+
+def test_noise_of_the_slip_of_a_slow_train_is_no_other_sign(tmp_path):
+    """Of a train that starts and slips twice; its two speeds have noise of .02 m/s."""
+    draw = np.random.default_rng(3)
+    time = 0.1 * np.arange(3000)
+    speed = np.minimum(0.6 + 0.2 * np.maximum(time - 100, 0), 20.0)
+    slip = 0.002 + 0.15 * ((time % 100 > 60) & (time % 100 < 62) & (time > 100))
+    wheel, train = (one + 0.02 * draw.normal(size=time.size) for one in (speed * (1 + slip), speed))
+    adhesion = 30 * slip / (1 + 40 * slip + 300 * slip**2) + 0.005 * draw.normal(size=time.size)
+    table = pd.DataFrame(
+        {"time_s": time, "wheel_speed_mps": wheel, "vehicle_speed_mps": train, "adhesion": adhesion}
+    )
+    measured = read_all([written(tmp_path, table)])[0]
+    noisy = measured.table[
+        (measured.table["slip_ratio"] < -0.03) & (measured.table["adhesion"] > 0)
+    ]
+    assert len(noisy) > 100
+    check_curve(measured)
 
 
 def test_adhesion_without_a_sign_is_refused_where_a_third_of_the_rows_brake(tmp_path):

@@ -196,6 +196,36 @@ def test_the_standard_error_has_its_three_parts():
         assert one[f"{name}_se"] == pytest.approx(np.linalg.norm(parts), rel=1e-6)
 
 
+def test_where_the_lanes_give_up_the_past_apart_the_band_is_that_before():
+    """The noise is little, and a slope 20 % off sees a reset sooner: the lanes differ by the rail.
+
+    Held against the three slopes one by one: between the first reset and the last.
+    """
+    table = sweeps(400, 3, then=COMMON, sigma=0.004)
+    slopes = A0, 0.8 * A0, 1.25 * A0
+    alone = [followed(table, ["riv"], slope)["riv"].estimates for slope in slopes]
+    resets = [one["sample"][one["reset"]].min() for one in alone]
+    assert max(resets) > min(resets)
+    one = followed(table, ["riv"], *slopes)["riv"].estimates
+    relative = one["mu_max_se"] / one["mu_max"]
+    apart = (one["sample"] >= min(resets)) & (one["sample"] < max(resets))
+    lanes_apart = np.abs(alone[2]["mu_max"] - alone[1]["mu_max"]) / (2 * alone[0]["mu_max"])
+    assert np.ptp(lanes_apart[apart]) > 0.02
+    assert np.ptp(relative[apart]) < 1e-3
+
+
+def test_an_adhesion_above_a_trusted_estimate_was_reached_before_the_rail_changed():
+    rows = {name: np.zeros(3) for name in following._TOLD}
+    rows |= {"sample": np.arange(3), "mu_max": np.full(3, 0.2), "mu_max_se": np.full(3, 0.005)}
+    rows |= {"reached": np.array([0.205, 0.28, 0.28]), "fall": np.full(3, np.nan)}
+    rows["status"] = np.array([0, 0, Status.TRUSTED.value + 1])
+    log = log_of(sweeps(100, 1))
+    table = following._table(rows, log, 1.0, following.NO_FORM, 1.0)
+    assert Status.TRUSTED.value == 0
+    assert table["at_least"].all()
+    np.testing.assert_allclose(table["reached"], [0.205, 0.0, 0.28])
+
+
 def test_braking_is_traction_turned():
     table = sweeps(200, 7)
     turned = table.assign(slip_ratio=-table["slip_ratio"], adhesion=-table["adhesion"])
