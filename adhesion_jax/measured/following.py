@@ -294,9 +294,9 @@ def _carried(method: Identifier, known: Known) -> _Carry:
     """What is carried before any sample; states [lanes]."""
     states = jax.vmap(method.init, in_axes=(0, None))(known, jax.random.key(0))
     none = jnp.int32(0)
-    ages = jnp.zeros(jnp.shape(known.curve.a0), jnp.int32)
-    counted = (none for _ in range(5))
-    return states, _Tally(jnp.int32(-1), jnp.zeros(()), *counted, ages, jnp.zeros(2)), empty()
+    ages, by_slope = jnp.zeros(known.lower.shape[:1], jnp.int32), jnp.zeros(2)
+    tally = _Tally(jnp.int32(-1), jnp.zeros(()), none, none, none, none, none, ages, by_slope)
+    return states, tally, empty()
 
 
 # A curve in what a kept program returns would not be read again, so both return leaves.
