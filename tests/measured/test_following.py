@@ -16,6 +16,7 @@ from adhesion_jax.measured import following
 from adhesion_jax.measured.following import follow_log, known_of, refusal
 from adhesion_jax.measured.log import initial_slope, to_log
 from adhesion_jax.records import Record
+from adhesion_jax.report.track.words import told
 from adhesion_jax.scenarios.rails import KIENCKE_RAILS
 from experiments.discovery_study.one_log import one_log
 
@@ -212,6 +213,16 @@ def test_where_the_lanes_give_up_the_past_apart_the_band_is_that_before():
     lanes_apart = np.abs(alone[2]["mu_max"] - alone[1]["mu_max"]) / (2 * alone[0]["mu_max"])
     assert np.ptp(lanes_apart[apart]) > 0.02
     assert np.ptp(relative[apart]) < 1e-3
+
+
+@pytest.mark.parametrize(("dries", "is_told"), [(0.9, True), (0.0, False)])
+def test_a_rail_that_changes_slowly_is_told_by_who_lags_behind_it(dries, is_told):
+    table = sweeps(3000, 5)
+    table["adhesion"] *= 1 + dries * table["time_s"] / table["time_s"].max()
+    log = log_of(table)
+    ends = followed(table, ["riv", "rls-kiencke"])
+    words = " ".join(told(log, "", initial_slope(log, None), ends).split())
+    assert ("errors of prediction of riv keep their sign far longer" in words) == is_told
 
 
 def test_an_adhesion_above_a_trusted_estimate_was_reached_before_the_rail_changed():

@@ -31,8 +31,9 @@ _AT_THE_END = (
 #: Bands that noise makes this much wider than those of the methods are spoken of.
 _WIDER = 1.1
 
-#: A method lags behind a rail if the correlation of its errors exceeds the least one by this.
-_LAGS = 0.3
+#: A method lags behind a rail if its errors are alike over this many times as many samples as those
+#: of another one.
+_LAGS = 4.0
 
 #: Most resets whose time is told.
 _TOLD = 5
@@ -123,7 +124,7 @@ def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Fo
     status = summary["status"].map(Status.__getitem__)
     sure = summary[(status == Status.TRUSTED) & np.isfinite(summary["mu_max_se"])]
     disagree: Sequence[str] = ()
-    least = min(one.correlation for one in followed.values())
+    least = min(map(_memory, followed.values()))
     if len(sure) > 1 and sure["mu_max_lo"].max() > sure["mu_max_hi"].min():
         apart = sure["mu_max_lo"].idxmax(), sure["mu_max_hi"].idxmin()
         disagree = list(sure["identifier"].loc[[*apart]])
@@ -141,13 +142,18 @@ def told(log: Log, citation: str, slope: InitialSlope, followed: Mapping[str, Fo
         disagree=disagree,
         reset=[name for name, one in followed.items() if one.resets],
         wide={name: one for name, one in followed.items() if one.widening > _WIDER},
-        behind=[name for name, one in followed.items() if one.correlation > least + _LAGS],
+        behind=[name for name, one in followed.items() if _memory(one) > _LAGS * least],
         seldom=list(summary["identifier"][summary["trusted"] < 0.5]),
         trusted=Status.TRUSTED,
         far_off=_FAR_OFF,
         poorly=_POORLY,
         no_form=_NO_FORM,
     )
+
+
+def _memory(one: Followed) -> float:
+    """The number of samples over which errors of prediction are alike, of a first-order process."""
+    return (1 + one.correlation) / max(1 - one.correlation, 1e-6)
 
 
 def _places(log: Log, one: Followed) -> list[str]:
