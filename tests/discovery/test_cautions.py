@@ -1,13 +1,14 @@
 """What is said of test data that the training data hardly cover."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from discovery_campaigns import alone, campaign, curve, noise, problem_of, runs_of
 
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import matching
-from adhesion_jax.discovery.findings.cautions import extrapolated
+from adhesion_jax.discovery.findings.cautions import extrapolated, outlying
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
 from adhesion_jax.discovery.search.state import Accepted, Selection
@@ -180,3 +181,18 @@ def test_a_law_that_the_test_data_refute_is_told_and_not_handed_out():
     np.testing.assert_array_equal(given["corrected"], given["base"])
     missed = given["base"] - test["adhesion"]
     assert np.sqrt((missed**2).mean()) == pytest.approx(errors.before.value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("level", "words"), [(-0.502, "in run 7 by -50 %,"), (0.4, "in run 7 by 40 %,"), (0.04, "")]
+)
+def test_a_run_that_is_far_from_all_others_is_named(level, words):
+    after = 0.012 * np.random.default_rng(2).normal(size=20)
+    after[6] = level
+    levels = pd.DataFrame({"run": [*map(str, range(1, 21))], "after": after, "error": 0.004})
+    said = " ".join(outlying(levels))
+    assert words in said
+    assert (said != "") == (words != "")
+    assert outlying(levels[:6]) == () == outlying(None)
+    # A fifth of the runs is no outlier but another population.
+    assert outlying(levels.assign(after=np.where(np.arange(20) < 4, level, after))) == ()

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 import scipy
 
 from adhesion_jax.curves import BASES
@@ -18,7 +19,10 @@ from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.effects import EFFECTS, in_words
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.wording import percent
+from adhesion_jax.wording import listed, percent
+
+#: Runs far from all others that are named, at most.
+_OUTLYING_TOLD = 3
 
 #: Stretches of slip in which the departure of the curve is looked at.
 _STRETCHES = 20
@@ -234,6 +238,27 @@ def shape_words(state: Selection) -> tuple[str, ...]:
         f"The shape of the curve: near slip {at:.2g} it is {abs(share) * 100:.2g} % of the largest "
         f"adhesion {'above' if share > 0 else 'below'} the best curve of {fitted.base}; it bends "
         "as the points do, and no column is named for that.",
+    )
+
+
+def outlying(levels: pd.DataFrame | None) -> tuple[str, ...]:
+    """A sentence on the few runs whose level is far from that of all others; mostly none."""
+    if levels is None or len(levels) < rules.FEWEST_RUNS:
+        return ()
+    after = levels["after"].to_numpy()
+    apart = after - np.median(after)
+    spread = max(1.4826 * float(np.median(np.abs(apart))), float(levels["error"].median()))
+    far = np.flatnonzero(np.abs(apart) > max(rules.OUTLYING_RUN * spread, rules.OUTLYING_LEVEL))
+    if not 0 < far.size <= rules.OUTLYING_SHARE * len(levels):
+        return ()
+    runs = [
+        f"run {levels['run'].iloc[place]} by {percent(after[place])}"
+        for place in far[np.argsort(-np.abs(apart[far]))][:_OUTLYING_TOLD]
+    ]
+    return (
+        f"The level of adhesion differs from the law in {listed(runs)}, where the other runs "
+        f"scatter by {percent(spread)}: the errors contain it, and it may hide what acts in the "
+        "others. Look at it, or leave it out.",
     )
 
 

@@ -14,6 +14,7 @@ from adhesion_jax.discovery.findings.cautions import (
     absent,
     extrapolated,
     noise_words,
+    outlying,
     shape_words,
     untested,
 )
@@ -96,6 +97,8 @@ def summarise(
     found = [*slip_noise_found(course, validation), *effects, *line]
     words = (*shape_words(final), *warnings, *noise_words(final, noise))
     far = tuple(sentence for _, sentence in outside)
+    levels = None if runs.blocks else _levels(runs, before, after, noise)
+    foremost = *refuted, *(words for share, words in outside if share > rules.MUCH_OUTSIDE)
     return Findings(
         source="",
         base=final.base,
@@ -123,9 +126,9 @@ def summarise(
         slip=runs.slip,
         doubts=undecided(searched),
         opinion=opinion,
-        levels=None if runs.blocks else _levels(runs, before, after, noise),
+        levels=levels,
         named=runs.named,
-        foremost=(*refuted, *(words for share, words in outside if share > rules.MUCH_OUTSIDE)),
+        foremost=(*foremost, *outlying(levels)),
         least_p=least_p(problem.runs),
         with_trees=with_trees,
     )
