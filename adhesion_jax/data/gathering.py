@@ -101,9 +101,9 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
                 texts[one.name] = count + text.size, first
             columns[one.name].append(values)
         first_row += len(next(iter(block.values()), ()))
+        # Of a long log it would hold hundreds of megabytes that nobody uses.
+        pyarrow.default_memory_pool().release_unused()
         progress("reading", share)
-    # Of a long log it would hold hundreds of megabytes that nobody uses.
-    pyarrow.default_memory_pool().release_unused()
     dated = any(one.stamp not in ("", *CLOCKS) for one in taken)
     zone = " UTC" if any(WITH_ZONE in one.stamp for one in taken) else ""
     found, named = {name: column.values for name, column in columns.items()}, {}
