@@ -41,6 +41,7 @@ class FoundEffect(NamedTuple):
     acts_on: str = "level"  # part of the curve: its level, its slip scale ("slip"), its "fall"
     at_bound: tuple[str, ...] = ()  # parameters at an end of the range in which they are looked for
     by_trees: bool = False  # whether p_adjusted is that of boosted trees that need its columns
+    refined_on: tuple[str, ...] = ()  # parts of the curve that what refines its form acts on
 
 
 class Doubt(NamedTuple):

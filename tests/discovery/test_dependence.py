@@ -36,6 +36,7 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
         "Structure against place; no physical cause is claimed. Its form is refined by "
         "covariate on the offset, covariate on the slip and constant on the offset."
     )
+    assert told.refined_on == ("offset", "slip", "offset")
     # Neither hides the parameters of the other.
     refined = {"covariate on the offset k", "covariate on the slip k", "constant on the offset k"}
     assert {*(f"k of {one}" for one in "abcd"), *refined} == {*told.parameters} == {*told.units}

@@ -192,7 +192,13 @@ def test_what_stood_out_and_was_not_accepted_is_undecided(quiet):
     state = quiet._replace(ranking=rows)
     (doubt,) = undecided(state)
     assert doubt.names == ("lag",)
-    assert "A lag of the adhesion signal stands out" in doubt.sentence
+    assert doubt.sentence == (
+        "A lag of the adhesion signal stands out in the residual (adjusted p = 0.002), but taken "
+        "into the law it does not raise the likelihood of runs left out by enough (4 with a "
+        "standard error of 2): it is not counted as an effect. It may be weak, act differently at "
+        "other values of another column, or be a proxy for a cause that has no column here; more "
+        "runs in which it varies would decide."
+    )
     member = taken("relaxation", EFFECTS["relaxation"](length=1.0), "time_s")
     member = member._replace(members=("relaxation", "lag"))
     (doubt,) = undecided(state._replace(accepted=(member,)))

@@ -7,7 +7,7 @@ import pandas as pd
 from discovery_examples import two_effects, unexplained
 
 from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.report.discovery.figures import _dependences, _ranking
+from adhesion_jax.report.discovery.figures import _dependences, _ranking, shape_panels
 from adhesion_jax.report.discovery.files import page
 from adhesion_jax.report.discovery.residuals import residual_panels
 from adhesion_jax.report.discovery.words import verdict
@@ -52,6 +52,37 @@ def test_labels_are_drawn_as_points_with_their_names():
     for low, high in (first.get_ylim(), second.get_ylim()):
         assert -0.5 < low < 0.7
         assert 1.4 < high < 2.5
+
+
+def test_labels_that_begin_alike_have_places_of_their_own():
+    findings = unexplained()
+    (shown,) = findings.dependences
+    factor = np.array([1.3, 0.8, 1.0])
+    names = ("wet leaves on rail", "wet leaves on sleepers", "dry")
+    bounds = {"low": factor - 0.1, "high": factor + 0.1}
+    labels = shown._replace(column="surface", factor=factor, labels=names, **bounds)
+    (axis,) = _dependences(findings._replace(dependences=(labels,))).axes
+    (container,) = axis.containers
+    np.testing.assert_array_equal(container.lines[0].get_xdata(), [0, 1, 2])
+    drawn = [text.get_text() for text in axis.get_xticklabels()]
+    assert drawn == ["wet leaves …", "wet leaves …", "dry"]
+
+
+def test_the_shapes_of_labels_are_those_of_the_labels_that_most_points_have():
+    findings = two_effects()
+    surface = findings.effects[0]._replace(covariates=("axle",), acts_on="slip")
+    codes = np.resize([0, 1, 1, 2, 2, 2, 3, 3, 3, 3], len(findings.points)).astype(float)
+    names = ("oily", "damp", "clean", "iced")
+
+    def legend(codes):
+        case = findings._replace(
+            points=findings.points.assign(axle=codes), effects=(surface,), named={"axle": names}
+        )
+        (axis,) = shape_panels(case).axes
+        return [text.get_text() for text in axis.get_legend().get_texts()]
+
+    assert legend(codes) == ["damp", "clean", "iced"]
+    assert legend(np.minimum(codes, 1.0)) == ["oily", "damp"]
 
 
 def test_a_round_of_columns_that_trees_need_has_no_threshold_and_says_so():

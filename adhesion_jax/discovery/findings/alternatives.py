@@ -14,6 +14,9 @@ from adhesion_jax.discovery.types import Proposal
 from adhesion_jax.effects import in_words, kind_of
 from adhesion_jax.wording import capital, listed
 
+#: Columns that every run goes through, which are no conditions of a measurement.
+_OF_EVERY_RUN = {"slip_ratio", "slip_velocity_mps", "time_s"}
+
 
 class Likeness(NamedTuple):
     """How closely an entry resembles an accepted effect, the other parameters being free."""
@@ -87,35 +90,38 @@ def proposals(state: Selection, alike: Sequence[Likeness]) -> tuple[Proposal, ..
             if one.effect == effect.name
             and not one.entry.generic
             and one.cosine >= rules.PROPOSED_COSINE
+            # A form of a column and a cause of it alone are one cause under two names.
+            and not (effect.generic and {*effect.covariates} == {*one.entry.covariates})
         ]
         z = float(np.sqrt(2 * max(effect.gain, 0.0)))
         for rival in rivals:
-            now = z * np.sqrt(max(1 - rival.cosine**2, 0.0))
-            own = [name for name in effect.covariates if name not in rival.entry.covariates]
-            other = [name for name in rival.entry.covariates if name not in effect.covariates]
+            apart = z * np.sqrt(max(1 - rival.cosine**2, 0.0))
+            now = f" These data separate the two by {apart:.1f} standard errors."
             found.append(
                 Proposal(
                     (effect.name, rival.entry.name),
-                    f"{_design(effect.name, rival.entry.name, own, other)} These data separate the "
-                    f"two by {now:.1f} standard errors.",
+                    _design({*effect.covariates}, {*rival.entry.covariates})
+                    # That would contradict the class, which follows from runs left out.
+                    + now * (rival.entry.name not in effect.members),
                     z,
                 )
             )
     return tuple(found)
 
 
-def _design(name: str, rival: str, own: Sequence[str], other: Sequence[str]) -> str:
-    if own and other:
+def _design(one: set[str], other: set[str]) -> str:
+    """Runs that separate what rests on some columns from what rests on others."""
+    own, others = one - other - _OF_EVERY_RUN, other - one - _OF_EVERY_RUN
+    columns = sorted(own) + sorted(others)
+    if not columns:
         return (
-            f"Measure as many runs in which {' and '.join(own)} and {' and '.join(other)} vary "
-            "independently of each other."
+            "No column beside the slip and the time tells them apart: measure as many runs with "
+            "steps of the slip, up and down, at different speeds."
         )
-    if own or other:
-        return (
-            f"Measure as many runs in which {' and '.join([*own, *other])} varies over its whole "
-            "range at every slip."
-        )
-    return (
-        f"{name} and {rival} rest on the same columns: measure as many runs with steps of the "
-        "slip, up and down, at different speeds."
-    )
+    if own and others:
+        vary = "vary independently of each other"
+    elif len(columns) > 1:
+        vary = "vary over their whole ranges at every slip, early and late"
+    else:
+        vary = "varies over its whole range at every slip, early and late"
+    return f"Measure as many runs in which {listed(columns)} {vary}."

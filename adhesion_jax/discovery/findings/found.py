@@ -187,6 +187,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                 _acts_on(effect.parts[0]),
                 tuple(at_bound),
                 effect.by_trees,
+                tuple(_acts_on(part) for part in effect.parts[1:]),
             )
         )
     return found

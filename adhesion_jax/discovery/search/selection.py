@@ -337,8 +337,9 @@ def undecided(state: Selection) -> tuple[Doubt, ...]:
         why = (
             f"{seen_as} taken into the law it does not raise the likelihood of runs left out by "
             f"enough ({row.gain:.2g} with a standard error of {row.gain_se:.2g}): it is not "
-            "counted as an effect. It may be weak, or a proxy for a cause that has no column here; "
-            "more runs in which it varies would decide."
+            "counted as an effect. It may be weak, act differently at other values of another "
+            "column, or be a proxy for a cause that has no column here; more runs in which it "
+            "varies would decide."
         )
     return (Doubt((_plain(row),), why),)
 

@@ -124,9 +124,10 @@ def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
     axis.axhline(1.0, color="0.4", linewidth=0.8)
     axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
     if dependence.labels:
-        names, middle = [label_text(name, 12) for name in dependence.labels], dependence.factor
+        middle, places = dependence.factor, np.arange(len(dependence.labels))
         spread = np.maximum([middle - dependence.low, dependence.high - middle], 0.0)
-        axis.errorbar(names, middle, yerr=spread, linestyle="none", capsize=3, **MARKS["after"])
+        axis.errorbar(places, middle, yerr=spread, linestyle="none", capsize=3, **MARKS["after"])
+        axis.set_xticks(places, [label_text(name, 12) for name in dependence.labels])
         axis.set_xlabel(label_text(column_label(dependence.column)))
         return
     values = dependence.values
@@ -281,13 +282,10 @@ def shape_panels(findings: Findings) -> Figure | None:
     conditions = medians(findings)
     figure, axes = panels(len(shown), 2.6, "adhesion (1)")
     for axis, (effect, name) in zip(axes, shown, strict=True):
-        for quantile, style in _QUANTILES.items():
-            # Labels have no values between them.
-            value = float(findings.points[name].quantile(quantile, interpolation="nearest"))
-            said = findings.named[name][int(value)] if name in findings.named else number(value)
+        # Zipped: a column may have fewer labels than there are lines.
+        for (value, label), style in zip(_drawn(findings, name), _QUANTILES.values(), strict=False):
             adhesion = adhesion_of(findings.law, grid, {**conditions, name: value})
-            label = f"{label_text(said)} ({100 * quantile:.0f} %)"
-            axis.plot(grid, adhesion, label=label, **style)
+            axis.plot(grid, adhesion, label=label_text(label), **style)
         slip_axis(axis, low, high, gap=0.13)
         axis.set_xlim(low, high)
         axis.set_xlabel(f"{column_label(findings.slip)}, {STRETCHED}")
@@ -295,6 +293,19 @@ def shape_panels(findings: Findings) -> Figure | None:
         legend = axis.legend(fontsize=8, frameon=False, title=label_text(column_label(name), 34))
         legend.get_title().set_fontsize(8)
     return figure
+
+
+def _drawn(findings: Findings, name: str) -> list[tuple[float, str]]:
+    """The values of a column that are drawn, and what they are called: quantiles, or labels.
+
+    Labels have no order: of them the ones that most points have.
+    """
+    column = findings.points[name]
+    if name in findings.named:
+        codes = sorted(column.value_counts().index[: len(_QUANTILES)])
+        return [(float(code), findings.named[name][int(code)]) for code in codes]
+    values = {share: float(column.quantile(share, interpolation="nearest")) for share in _QUANTILES}
+    return [(value, f"{number(value)} ({100 * share:.0f} %)") for share, value in values.items()]
 
 
 def slip_limits(findings: Findings) -> tuple[float, float]:

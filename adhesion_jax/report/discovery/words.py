@@ -23,12 +23,14 @@ from adhesion_jax.wording import listed, number, p_is
 #: What an effect does to the curve, by what it acts on.
 _ACTS_ON = {
     "level": "acts on the level of the curve",
-    "slip": "stretches the slip scale: the initial slope and the place of the peak move, the "
-    "maximum stays",
+    "slip": "stretches the slip scale: the initial slope and the place of the peak move",
     "fall": "deepens or flattens the fall beyond the peak",
     "offset": "adds to the adhesion, whatever the slip is",
     "shift": "adds to the slip at which the curve is read",
 }
+
+#: A factor on adhesion that varies by less reads as a change of 0.0 %.
+_TRIVIAL = 1e-3
 
 #: Columns that are not measured but follow from the file.
 _DERIVED = {"run_order": "order of the runs (1)", "campaign_time": "time in the campaign (1)"}
@@ -104,7 +106,10 @@ def axis(effect: FoundEffect) -> str:
 def acts_on(effect: FoundEffect) -> str:
     """What the effect does to the curve; empty for an effect of signals or of time."""
     signals = not effect.covariates or {"time_s", "slip_ratio"} & {*effect.covariates}
-    return "" if effect.acts_on == "level" and signals else _ACTS_ON[effect.acts_on]
+    if effect.acts_on == "level" and signals:
+        return ""
+    stays = effect.acts_on == "slip" and not {"level", "fall", "offset"} & {*effect.refined_on}
+    return _ACTS_ON[effect.acts_on] + ", the maximum stays" * stays
 
 
 def errors_by_data(findings: Findings) -> dict[str, Errors]:
@@ -222,33 +227,70 @@ def _open_questions(findings: Findings, claims: bool) -> list[str]:
 
 
 def _size(findings: Findings, effect: FoundEffect) -> str:
-    """Size and sign of the change of adhesion over the column that changes it most."""
+    """Size and sign of the change of adhesion over the column that changes it most.
+
+    Empty where that is below a tenth of a per cent. What acts on a part of the curve has another
+    size at every slip, and the others are at their medians.
+    """
     own = [one for one in findings.dependences if one.effect == effect.name]
-    if not own:
+    most = max(own, key=lambda one: float(np.ptp(one.factor)), default=None)
+    if most is None or np.ptp(most.factor) < _TRIVIAL:
         return ""
-    most = max(own, key=lambda one: float(np.ptp(one.factor)))
-    column, factor = column_label(most.column, most.unit), most.factor
-    if most.labels:
-        low, high = int(np.argmin(factor)), int(np.argmax(factor))
+    at_slip = effect.acts_on != "level" and most.column != "slip_ratio"
+    return "at the median slip " * at_slip + (_of_labels(most) if most.labels else _over(most))
+
+
+def _of_labels(own: Dependence) -> str:
+    """The one label that stands out from all others, or the lowest beside the highest."""
+    factor = own.factor
+    place = int(np.argmax(np.abs(factor - np.median(factor))))
+    others = np.delete(factor, place)
+    change = factor[place] / np.median(others) - 1
+    if others.size > 1 and abs(factor[place] - np.median(others)) > 2 * np.ptp(others):
         return (
-            f"adhesion is {percent(1 - factor[low] / factor[high])} lower where {most.column} is "
-            f"{most.labels[low]} than where it is {most.labels[high]}"
+            f"adhesion is {_compared(change)} where {own.column} is {own.labels[place]} than its "
+            "median over the other labels"
         )
+    low, high = int(np.argmin(factor)), int(np.argmax(factor))
+    return (
+        f"adhesion is {_compared(factor[low] / factor[high] - 1)} where {own.column} is "
+        f"{own.labels[low]} than where it is {own.labels[high]}"
+    )
+
+
+def _over(own: Dependence) -> str:
+    """The change over a column of numbers."""
+    column, values, factor = column_label(own.column, own.unit), own.values, own.factor
     turned = np.flatnonzero(factor < 0)
     if turned.size:  # as next to slip 0, which a bias moves
-        return f"adhesion has the other sign where {column} is {number(most.values[turned[0]])}"
-    if abs(factor[-1] - factor[0]) > 0.8 * np.ptp(factor) > 0:
+        return f"adhesion has the other sign where {column} is {number(values[turned[0]])}"
+    if abs(factor[-1] - factor[0]) > 0.8 * np.ptp(factor):
         change = factor[-1] / factor[0] - 1
         return (
             f"adhesion {'falls' if change < 0 else 'rises'} by {percent(abs(change))} as {column} "
-            f"goes from {number(most.values[0])} to {number(most.values[-1])}"
+            f"goes from {number(values[0])} to {number(values[-1])}{_step(values, factor)}"
         )
     place = int(np.argmax(np.abs(factor - 1)))
-    change = factor[place] - 1
-    return (
-        f"adhesion is {percent(abs(change))} {'lower' if change < 0 else 'higher'} where {column} "
-        f"is {number(most.values[place])} than without it"
-    )
+    # Most of the column is without an effect that acts in one place, as a patch of the rail does.
+    if np.mean(np.abs(factor - 1) < 0.1 * np.ptp(factor)) > 0.5:
+        change, other = factor[place] - 1, "without it"
+    else:
+        place, top = int(np.argmin(factor)), int(np.argmax(factor))
+        change, other = factor[place] / factor[top] - 1, f"where it is {number(values[top])}"
+    return f"adhesion is {_compared(change)} where {column} is {number(values[place])} than {other}"
+
+
+def _step(values: np.ndarray, factor: np.ndarray) -> str:
+    """Where most of a change lies, if two thirds of it lie in a tenth of the column."""
+    width = 0.1 * (values[-1] - values[0])
+    change = np.abs(np.interp(values + width, values, factor) - factor)
+    place = int(np.argmax(change))
+    in_one_place = change[place] > 2 / 3 * np.ptp(factor)
+    return f", most of it near {number(values[place] + width / 2)}" if in_one_place else ""
+
+
+def _compared(change: float) -> str:
+    return f"{percent(abs(change))} {'lower' if change < 0 else 'higher'}"
 
 
 def _told_of(own: Dependence) -> Interval:
