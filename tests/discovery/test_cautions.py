@@ -7,7 +7,7 @@ from discovery_campaigns import alone, campaign, curve, noise, problem_of, runs_
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import matching
-from adhesion_jax.discovery.findings.cautions import extrapolated
+from adhesion_jax.discovery.findings.cautions import absent, extrapolated, untested
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
 from adhesion_jax.discovery.search.state import Accepted, Selection
@@ -180,3 +180,17 @@ def test_a_law_that_the_test_data_refute_is_told_and_not_handed_out():
     np.testing.assert_array_equal(given["corrected"], given["base"])
     missed = given["base"] - test["adhesion"]
     assert np.sqrt((missed**2).mean()) == pytest.approx(errors.before.value, rel=1e-12)
+
+
+def test_a_column_that_is_left_out_is_not_said_to_be_absent(training):
+    table = training.assign(sanding=np.where(training.index % 2, "damp", "wet"))
+    runs, problem = runs_of(table), problem_of(table)
+    assert "Not tested: sanding (needs the column sanding, which is left out)." in untested(
+        problem, runs
+    )
+    assert ", sanding (left out), " in absent(runs)
+    runs, problem = runs_of(training), problem_of(training)
+    assert "Not tested: sanding (needs the column sanding, which is absent)." in untested(
+        problem, runs
+    )
+    assert ", sanding, " in absent(runs)

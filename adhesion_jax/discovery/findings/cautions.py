@@ -49,7 +49,7 @@ def absent(runs: RunSet) -> str:
     """A sentence on the known columns that are absent from the data."""
     there = runs.whole.conditions
     missing = [
-        name
+        f"{name} (left out)" if name in {*runs.left_out, *runs.same} else name
         for name, others in _EXPECTED.items()
         if name not in there and not any(other in there for other in others)
     ]
@@ -65,7 +65,7 @@ def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
     """Sentences on the effects that the data cannot test, by reason, and on narrow columns."""
     reasons: dict[str, list[str]] = {}
     for name in EFFECTS:
-        why = why_untested(name, problem)
+        why = why_untested(name, problem, {*runs.left_out, *runs.same})
         if why:
             reasons.setdefault(why, []).append(in_words(name))
     if not problem.in_time:

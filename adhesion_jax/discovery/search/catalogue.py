@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -163,8 +163,11 @@ def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
     return Entry(name, tuple(starts), covariates, ":" in name, family_of(name), acts_on)
 
 
-def why_untested(name: str, problem: Problem) -> str:
-    """Why the data cannot test the effect of that name; empty if they can."""
+def why_untested(name: str, problem: Problem, left_out: Container[str] = ()) -> str:
+    """Why the data cannot test the effect of that name; empty if they can.
+
+    `left_out` are columns that the data have and that are not used.
+    """
     effect = EFFECTS[name]
     if "time_s" in effect.FACTS.needs and not problem.in_time:
         return NO_TIME
@@ -173,7 +176,8 @@ def why_untested(name: str, problem: Problem) -> str:
         return "the curve of braking is one of its own: where it surely differs the verdict says so"
     for need in needs:
         if need != "mode" and need not in problem.flat and need not in problem.constant:
-            return f"needs the column {need}, which is absent"
+            lacks = "left out" if need in left_out else "absent"
+            return f"needs the column {need}, which is {lacks}"
     if not needs and "slip_ratio" in problem.constant:
         return "needs the slip to vary, which is constant"
     varies = not needs or any(need in problem.flat for need in needs)
