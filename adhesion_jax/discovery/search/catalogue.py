@@ -1,7 +1,6 @@
 """The library of the search: the effects that the data can test, plain columns, and pairs."""
 
 import dataclasses
-import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from adhesion_jax.effects import (
     Surface,
     family_of,
 )
+from adhesion_jax.effects.one_column import turn_of
 from adhesion_jax.effects.shape import ACTS_ON
 
 #: A column of no more distinct values has no spline.
@@ -77,21 +77,14 @@ def forms_of_column(column: str, problem: Problem) -> list[Entry]:
         entries += column_entries(Spline, column, problem)
     if values > 2:  # two numbers are told apart by a line
         entries += column_entries(Labels, column, problem)
-    turn = _turn(label)
-    if turn:
+    turn = turn_of(label)
+    # Hours of more than a day count on, as those of operation.
+    if turn and np.ptp(problem.flat[column]) <= turn:
         start = Periodic(0.01, 0.01, 1 / turn, column=column)
         entries.append(entry_of(f"covariate:{label}", [start], problem))
     if problem.in_time and not constant_within_runs(column, problem):
         entries += column_entries(Memory, column, problem)
     return [entry for entry in entries if entry.starts]
-
-
-def _turn(label: str) -> float:
-    """The values after which a column of directions or times of day begins anew; 0: none."""
-    words = set(re.split(r"[^a-z]+", label.lower()))
-    if words & {"hour", "uhrzeit", "stunde"}:
-        return 24.0
-    return 360.0 if words & {"dir", "direction", "heading", "azimuth", "richtung"} else 0.0
 
 
 def constant_within_runs(column: str, problem: Problem) -> bool:
