@@ -33,6 +33,12 @@ _NUMBER = re.compile(r"[+-]?[.,]?\d[\d.,]*(?:[eE][+-]?\d+)?")
 #: A number by either decimal mark.
 OF_TWO_MEANINGS = r"^[+-]?[1-9]\d{0,2}(,\d{3})+$"
 
+#: Spellings of a flag, in small letters.
+_FLAGS = {
+    "1": ("on", "yes", "true", "ein", "an", "ja", "wahr"),
+    "0": ("off", "no", "false", "aus", "nein", "falsch"),
+}
+
 _NOWHERE = np.empty(0, np.int64)
 
 
@@ -84,6 +90,17 @@ def numbers(cells: pyarrow.Array, mark: str = ".") -> tuple[np.ndarray, np.ndarr
         return numbers(text.cast(pyarrow.bool_()))
     values = pd.to_numeric(text.to_pandas().astype(object), errors="coerce").to_numpy(float)
     return values, np.flatnonzero(_array(text.is_valid()) & np.isnan(values))
+
+
+def flags(cells: pyarrow.Array) -> pyarrow.Array:
+    """The cells with 1 and 0 for the spellings of a flag, in any case of their letters."""
+    if not is_text(cells.type):
+        return cells
+    compute = pyarrow.compute
+    words = compute.utf8_lower(compute.utf8_trim_whitespace(cells))
+    for number, spellings in _FLAGS.items():
+        cells = compute.if_else(compute.is_in(words, pyarrow.array(spellings)), number, cells)
+    return cells
 
 
 def known(text: pyarrow.Array) -> pyarrow.Array:

@@ -178,6 +178,9 @@ def _parsed(unit: str) -> pint.Quantity | None:
 #: them, for 1.2 is a possible slip in per cent as well as a possible ratio.
 _RATIOS = ("adhesion", "adhesion_sd", "sanding", "driven_axles")
 
+#: Quantities that may be written as a flag, such as on and off: 1 and 0.
+FLAGS = ("sanding",)
+
 #: `v [km/h]` and `rH (%)`.
 _BRACKETS = re.compile(r"(.*?)\s*[\[(<{]\s*([^\[\](){}<>]*?)\s*[\])>}]\s*")
 

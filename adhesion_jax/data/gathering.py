@@ -12,13 +12,14 @@ from adhesion_jax.data.cells import (
     OF_TWO_MEANINGS,
     WITH_ZONE,
     decimal_mark,
+    flags,
     is_text,
     numbers,
     seconds,
     stamps,
     unwrapped,
 )
-from adhesion_jax.data.columns import COLUMNS, LABELS
+from adhesion_jax.data.columns import COLUMNS, FLAGS, LABELS
 from adhesion_jax.data.files import Block, Sheet
 from adhesion_jax.data.rows import MOST, Rows
 from adhesion_jax.data.understanding import Taken
@@ -84,7 +85,8 @@ def gather(sheet: Sheet, taken: Sequence[Taken], progress: Callable[[str, float]
                     origin = 0 if one.stamp in CLOCKS else pyarrow.compute.min(ticks).as_py()
                 values = seconds(ticks, origin or 0)
             else:
-                values, text = numbers(cells, own.get(one.name) or mark or ".")
+                written = flags(cells) if one.quantity in FLAGS else cells
+                values, text = numbers(written, own.get(one.name) or mark or ".")
                 with np.errstate(over="ignore"):  # it is infinite then, and not used
                     values = one.conversion.of(values)
             of_labels = text.size > MOST * (text.size + np.isfinite(values).sum())

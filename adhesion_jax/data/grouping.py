@@ -67,7 +67,7 @@ def as_one(files: Sequence[Measured]) -> Measured:
             for file, part in zip(files, parts, strict=True)
         ]
     )
-    left_out = tuple(dict.fromkeys(name for file in files for name in file.left_out))
+    left_out = {name: why for file in files[::-1] for name, why in file.left_out.items()}
     incomplete = [
         f"The column {name} is left out: not every file has it."
         for name in names

@@ -60,7 +60,7 @@ class Measured(NamedTuple):
     table: pd.DataFrame  # its index holds the row numbers that a user sees there
     slip: str  # the column that is the slip: slip_ratio, or slip_velocity_mps without a speed
     covariates: tuple[str, ...]  # numeric columns that the project does not know
-    left_out: tuple[str, ...]  # columns it does not know and that are not numbers throughout
+    left_out: Mapping[str, str]  # columns that are not used, each with the clause why
     understood: pd.DataFrame  # a row a column: column, taken_as, unit, lowest, highest, missing
     notes: tuple[str, ...]  # sentences on how the file was read and which rows are not used
     gaps: tuple[str, ...]  # those of them on rows without a value
@@ -206,7 +206,7 @@ def _used(
         table,
         slip,
         tuple(name for name in numbers if name not in COLUMNS),
-        tuple(rows.left_out),
+        rows.left_out,
         pd.DataFrame(understood, columns=[*_UNDERSTOOD]),
         (
             *_format_notes(sheet, found, rows),

@@ -262,8 +262,8 @@ class Rows:
                 self.tell(lost[rows], f"there is no value of {name}")
                 kept &= ~lost
             else:
-                share = 100 * missing[name][rows].mean()
-                self.left_out[name] = f"{share:.3g} % of its rows have no value"
+                gaps = f"{100 * missing[name][rows].mean():.3g} % of its rows have no value"
+                self.left_out[name] = f"{gaps}, and at most {100 * few:.3g} % of all rows may"
                 del self.numbers[name]
         if not kept.any():
             empty = [name for name in needed if missing[name].all()]

@@ -72,7 +72,7 @@ class RunSet(NamedTuple):
     blocks: bool  # contiguous blocks of one run take the place of runs
     covariates: tuple[str, ...]  # the conditions that the project does not know
     named: Mapping[str, tuple[str, ...]]  # the labels of a condition, in the order of their codes
-    left_out: tuple[str, ...]  # columns that are not numbers throughout
+    left_out: Mapping[str, str]  # columns that are not used, each with the clause why
     warnings: tuple[str, ...]  # whole sentences
     slip: str  # the column that is the slip: slip_ratio, or slip_velocity_mps without a speed
     same: Mapping[str, str]  # column left out of the conditions -> the column that it repeats
@@ -159,10 +159,7 @@ def to_runs(files: Sequence[Measured]) -> RunSet:
         (
             *_warnings(table, slip, grouping.run),
             *dict.fromkeys(measured.gaps),
-            *(
-                f"The column {name} is left out: it is not a number in every row."
-                for name in measured.left_out
-            ),
+            *(f"The column {name} is left out: {why}." for name, why in measured.left_out.items()),
             *(
                 f"The column {name} is left out: it is the same as {first}."
                 for name, first in same.items()
@@ -221,10 +218,7 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
         there["vehicle_speed_mps"] = np.ones_like(rows.slip)
     missing = [name for name in needed if name not in there]
     if missing:
-        raise InputError(
-            f"The test data lack {listed(missing)}, which the training data have; add what is "
-            "missing, or leave it out of the training data too."
-        )
+        raise InputError(_lacks(missing, test.left_out))
     conditions = {name: there[name] for name in runs.whole.conditions}
     warnings = test.warnings
     for name, known in runs.named.items():
@@ -249,6 +243,24 @@ def matching(runs: RunSet, test: RunSet) -> RunSet:
         warnings=warnings,
         slip=runs.slip,
     )
+
+
+def _lacks(missing: Sequence[str], left_out: Mapping[str, str]) -> str:
+    """What is wrong with test data without these columns, of which some may be left out."""
+    absent = [name for name in missing if name not in left_out]
+    unused = [f"{name} ({left_out[name]})" for name in missing if name in left_out]
+    faults = []
+    if absent:
+        faults.append(
+            f"The test data lack {listed(absent)}, which the training data have; add what is "
+            "missing, or leave it out of the training data too."
+        )
+    if unused:
+        faults.append(
+            f"Left out of the test data: {listed(unused)}, which the training data have; mend it "
+            "there, or leave it out of the training data too."
+        )
+    return " ".join(faults)
 
 
 def _told_order(names: Sequence[str]) -> list[float]:

@@ -1,7 +1,7 @@
 """The contract of an effect, and of a physical cause: what an adhesion law may lack."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -67,6 +67,11 @@ class Effect(eqx.Module):
     FACTS: eqx.AbstractClassVar[Form]
     ORDER: ClassVar[int] = 1
 
+    @property
+    def held(self) -> Container[str]:
+        """The parameters that are not fitted."""
+        return self.FACTS.references
+
     def before(self, slip: Signal, conditions: Conditions) -> Signal:
         """The slip at which the law below is evaluated."""
         return slip
@@ -101,8 +106,9 @@ class Facts(Form):
     wave along a column, or a cause that no data can tell from it; one that ends in a colon stands
     for all that begin with it. `of_slip_alone`: it is a function of nothing else, an error of a
     signal that hardly any data tell from another shape of the curve. `one_sided`: what the sentence
-    says is true where the strength is above 0 alone. `driven_by` is the column
-    whose step shows a memory: the slip ratio, or one that is set from zero to one.
+    says is true where the strength is above 0 alone; `rising`: where each of its strengths is above
+    those before it, the first above 0. `driven_by` is the column whose step shows a memory: the
+    slip ratio, or one that is set from zero to one.
     """
 
     needs: tuple[str, ...] = field()  # none must be said, too
@@ -113,6 +119,7 @@ class Facts(Form):
     same_as: tuple[str, ...] = ()
     of_slip_alone: bool = False
     one_sided: bool = False
+    rising: bool = False
     driven_by: str = "slip_ratio"
 
     def __post_init__(self) -> None:

@@ -1,5 +1,6 @@
 """A curve with the effects that were found: an ordinary law."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from adhesion_jax.curves.precision import precise_of_numbers
 from adhesion_jax.effects.api import Effect, Value
 from adhesion_jax.effects.conditions import Calendar, completed
 from adhesion_jax.effects.dynamic import Dynamic
+from adhesion_jax.effects.one_column import Periodic, turn_of
 from adhesion_jax.effects.shape import exponents_of, shaped
 
 #: The memory of each effect of a law, in the order in which they are applied.
@@ -27,7 +29,7 @@ class CorrectedLaw(Law):
         curve: the base curve.
         effects: those that were found.
         ranges: by column, the smallest and the largest value of the data it was found in; effects
-            see no value outside them.
+            see no value outside them, unless it is cyclic.
         calendar: which column of time the campaign has.
         slip: what its slip is, slip_ratio or slip_velocity_mps.
     """
@@ -74,10 +76,20 @@ class CorrectedLaw(Law):
     def _seen(self, slip: Signal, conditions: Conditions) -> Conditions:
         """The conditions, those that follow from them, and none outside the ranges."""
         whole = completed(slip, conditions, self.calendar)
+        ranges = {name: one for name, one in self.ranges.items() if name not in self.cyclic}
         return {
-            name: jnp.clip(values, *self.ranges[name]) if name in self.ranges else values
+            name: jnp.clip(values, *ranges[name]) if name in ranges else values
             for name, values in whole.items()
         }
+
+    @property
+    def cyclic(self) -> set[str]:
+        """Columns that begin anew, as the hour, of effects that do so alone: they have no edge."""
+        waves = {one.column for one in self.effects if isinstance(one, Periodic)}
+        others = (one for one in self.effects if not isinstance(one, Periodic))
+        fields = (getattr(one, field.name) for one in others for field in dataclasses.fields(one))
+        rested_on = {name for name in fields if isinstance(name, str)}
+        return {column for column in waves - rested_on if turn_of(column)}
 
 
 def with_effects(

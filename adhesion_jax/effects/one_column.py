@@ -1,5 +1,7 @@
 """Forms of effects over any one column, for what has no formula of its own."""
 
+import re
+from collections.abc import Container
 from typing import Any
 
 import equinox as eqx
@@ -227,6 +229,21 @@ class Spline(ShapeTerm):
         ]
 
 
+_DAY = re.compile(
+    r"(local|clock|start|utc)? ?(hours?|stunden?|tagesstunde|uhrzeit|tageszeit|tod|time ?of ?day)"
+    r"( ?of ?(the ?)?day)?( (h|hr|hrs|hours?|local|utc|start))?"
+)
+_DIRECTIONS = {"dir", "direction", "heading", "azimuth", "richtung"}
+
+
+def turn_of(column: str) -> float:
+    """The values after which a column of directions or times of day begins anew; 0: none."""
+    words = re.findall(r"[a-z]+", column.lower())
+    if _DAY.fullmatch(" ".join(words)):
+        return 24.0
+    return 360.0 if _DIRECTIONS & {*words} else 0.0
+
+
 class Periodic(Effect):
     sine: Scalar
     cosine: Scalar
@@ -244,6 +261,11 @@ class Periodic(Effect):
         formula="mu (1 + a sin(2 pi f z) + b cos(2 pi f z)), f in waves a unit of the column z",
         phrase="a wave along {}",
     )
+
+    @property
+    def held(self) -> Container[str]:
+        """The frequency, where the name of the column tells when it begins anew."""
+        return ("frequency",) if turn_of(self.column) else ()
 
     def after(self, adhesion: Signal, slip: Signal, conditions: Conditions) -> Signal:
         phase = 2 * jnp.pi * self.frequency * conditions[self.column]

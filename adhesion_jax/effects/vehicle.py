@@ -25,6 +25,7 @@ class AxlePosition(Multiplier):
         phrase="position of the axle",
         family="axle",
         same_as=("covariate:axle",),
+        rising=True,
     )
 
     def factor(self, slip: Values, conditions: Conditions) -> Values:

@@ -262,7 +262,7 @@ def identify(
             "add it or name another curve."
         )
     # A column of more labels than a search takes is compared by all the same.
-    points = points._replace(left_out=tuple(name for name in points.left_out if name != by))
+    points = points._replace(left_out={n: why for n, why in points.left_out.items() if n != by})
     grouping, by = group(points), asked_of(points, by)
     labels = labels_of(points, by, grouping.run) if by not in (None, AUTO) else None
     velocity = points.slip == "slip_velocity_mps"

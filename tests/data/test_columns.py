@@ -327,7 +327,7 @@ def test_a_day_alone_is_no_time(tmp_path):
     stamped("2026-11-24 08:00:00", "%d.%m.%Y").drop(columns="Zeit").to_csv(tmp_path / "a.csv")
     found = read_measured(tmp_path / "a.csv")
     assert "time_s" not in found.table
-    assert found.left_out == ()
+    assert found.left_out == {}
     assert {*found.table["Datum"]} == {"24.11.2026"}
 
 
@@ -441,7 +441,7 @@ def test_what_was_understood_is_told(tmp_path):
     assert "1 value is text and not used: row 5 of column n has the text 'ERR'" in said
     assert "1 row of 40 (2.5 %), in which there is no value of vehicle_speed_mps" in said
     assert len(found.table) == 38
-    assert found.left_out == ()
+    assert found.left_out == {}
     assert found.table["Ort"].nunique() == 2
 
 
@@ -456,7 +456,25 @@ def test_rows_with_a_gap_are_left_out_and_counted():
     said = " ".join(found.notes)
     assert "2 rows of 100 (2 %), in which there is no value of adhesion" in said
     assert "2 rows of 100 (2 %), in which there is no value of wear" in said
-    assert "The column rare is left out: 70 % of its rows have no value." in said
+    assert (
+        "The column rare is left out: 70 % of its rows have no value, and at most 5 % of all rows "
+        "may." in said
+    )
+
+
+def test_sanding_may_be_written_as_a_flag():
+    on, off = ("on", "YES", "true", "ein", "Ja", "1"), ("off", "No", "false", "Aus", "nein", "0")
+    written = [word for pair in zip(on, off, strict=True) for word in pair]
+    table = good(12).assign(Sander=written, rain=["on", "off"] * 6)
+    found = to_measured("log", table)
+    np.testing.assert_array_equal(found.table["sanding"], [1.0, 0.0] * 6)
+    assert [*found.table["rain"]] == ["on", "off"] * 6  # what is no known flag keeps its labels
+    assert found.left_out == {}
+    wet = to_measured("log", table.assign(Sander=["damp", "wet"] * 6))
+    why = (
+        "row 0 of column Sander has the text 'damp' (write a number, with a decimal point, no unit)"
+    )
+    assert wet.left_out == {"sanding": why}
 
 
 @pytest.mark.parametrize(

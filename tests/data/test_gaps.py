@@ -31,7 +31,9 @@ def test_a_slow_signal_is_bridged_by_straight_lines_within_its_runs():
     found = to_measured("log", slow)
     # Behind the last value of each run, at its row 40 of 50, there is none to go to.
     assert found.table.index.tolist() == list(range(200))
-    assert found.left_out == ("wet",)
+    why = "18 % of its rows have no value, and at most 5 % of all rows may"
+    assert found.left_out == {"wet": why}
+    assert f"The column wet is left out: {why}." in to_runs([found]).warnings
     found = to_measured("log", slow, few=FEW_OF_A_SEARCH)
     kept = found.table["time_s"] < 4.05
     assert kept.all()

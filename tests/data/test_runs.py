@@ -53,7 +53,7 @@ def test_runs_stand_side_by_side_padded_with_their_last_row(tmp_path):
     found = to_runs(read_all([written(tmp_path, table)]))
     assert found.names == ("a", "b", "c")
     assert found.covariates == ("wear",)
-    assert (found.blocks, found.named, found.left_out, found.warnings) == (False, {}, (), ())
+    assert (found.blocks, found.named, found.left_out, found.warnings) == (False, {}, {}, ())
     assert rows_of(found).tolist() == [
         [0, 1, 2, 3, 4, 5],
         [6, 7, 8, 9, -1, -1],
@@ -184,7 +184,7 @@ def test_several_files_never_share_a_run(tmp_path):
 def test_a_column_that_one_file_lacks_is_left_out(tmp_path):
     first = written(tmp_path, campaign().assign(axle=1), "x.csv")
     found = to_runs(read_all([first, written(tmp_path, campaign(), "y.csv")]))
-    assert (found.left_out, found.named, found.covariates) == ((), {}, ())
+    assert (found.left_out, found.named, found.covariates) == ({}, {}, ())
     assert found.warnings == ("The column axle is left out: not every file has it.",)
 
 
@@ -322,13 +322,15 @@ def test_text_that_is_none_of_labels_is_left_out_and_unknown_columns_are_covaria
     mixed = [1.0, "two", *range(13)]
     table = campaign().assign(note=mixed, pressure_K=290.0, slip_angle_deg=1.0)
     found = to_runs(read_all([written(tmp_path, table)]))
-    assert found.left_out == ("note",)
+    why = "6.67 % of its rows have no value, and at most 5 % of all rows may"
+    assert found.left_out == {"note": why}
     assert found.covariates == ("pressure_K",)
     text, left_out = found.warnings
     assert text.startswith("1 value is text and not used: row 3 of column note has the text 'two'")
-    assert left_out == "The column note is left out: it is not a number in every row."
+    assert left_out == f"The column note is left out: {why}."
     # Forty different texts are labels, one more is none.
-    for count, left_out in ((40, ()), (41, ("note",))):
+    many = {"note": "it has 41 different texts, and labels are at most 40"}
+    for count, left_out in ((40, {}), (41, many)):
         table = good(82).assign(note=[f"no {row % count}" for row in range(82)])
         found = to_runs(read_all([written(tmp_path, table)]))
         assert found.left_out == left_out
@@ -344,7 +346,7 @@ def test_text_becomes_numbers_from_zero_in_the_order_of_the_names(tmp_path):
     for path in (written(tmp_path, table.drop(columns="team")), tmp_path / "set.parquet"):
         found = to_runs(read_all([path]))
         assert found.named["rail"] == ("dry", "leaves", "wet")
-        assert found.left_out == ()
+        assert found.left_out == {}
         assert "rail" in found.covariates
         codes = np.asarray(found.record.conditions["rail"])
         np.testing.assert_array_equal(codes[0], [2, 0, 1, 2, 0, 1])
@@ -433,6 +435,21 @@ def test_the_test_set_is_seen_as_the_training_set_is(tmp_path):
     assert seen.warnings[-1].startswith("The training data have no axle 7:")
     with pytest.raises(InputError, match=r"^The test data lack wear, load and axle, which"):
         matching(runs_of[0], to_runs(read_all([written(tmp_path, campaign())])))
+
+
+def test_a_column_of_the_test_set_that_is_left_out_is_not_said_to_be_absent(tmp_path):
+    train = campaign().assign(relative_humidity_pct=np.arange(15.0), wear=1.0)
+    holed = train["relative_humidity_pct"].where(train.index % 4 > 0)
+    test = train.assign(relative_humidity_pct=holed).drop(columns=["wear", "time_s"])
+    runs_of = [to_runs(read_all([written(tmp_path, table)])) for table in (train, test)]
+    with pytest.raises(InputError) as error:
+        matching(*runs_of)
+    assert str(error.value) == (
+        "The test data lack time_s and wear, which the training data have; add what is missing, or "
+        "leave it out of the training data too. Left out of the test data: relative_humidity_pct "
+        "(26.7 % of its rows have no value, and at most 5 % of all rows may), which the training "
+        "data have; mend it there, or leave it out of the training data too."
+    )
 
 
 def test_labels_of_a_test_set_have_the_codes_of_the_training_set(tmp_path):

@@ -1,5 +1,6 @@
 """What is said of test data that the training data hardly cover."""
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,11 +9,11 @@ from discovery_campaigns import alone, campaign, curve, noise, problem_of, runs_
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import matching
-from adhesion_jax.discovery.findings.cautions import extrapolated, outlying
+from adhesion_jax.discovery.findings.cautions import absent, extrapolated, outlying, untested
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
 from adhesion_jax.discovery.search.state import Accepted, Selection
-from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects import EFFECTS, Periodic, Spline
 from adhesion_jax.effects.law import CorrectedLaw
 
 
@@ -196,3 +197,62 @@ def test_a_run_that_is_far_from_all_others_is_named(level, words):
     assert outlying(levels[:6]) == () == outlying(None)
     # A fifth of the runs is no outlier but another population.
     assert outlying(levels.assign(after=np.where(np.arange(20) < 4, level, after))) == ()
+
+
+def test_a_column_that_is_left_out_is_not_said_to_be_absent(training):
+    table = training.assign(sanding=np.where(training.index % 2, "damp", "wet"))
+    runs, problem = runs_of(table), problem_of(table)
+    assert "Not tested: sanding (needs the column sanding, which is left out)." in untested(
+        problem, runs
+    )
+    assert ", sanding (left out), " in absent(runs)
+    runs, problem = runs_of(training), problem_of(training)
+    assert "Not tested: sanding (needs the column sanding, which is absent)." in untested(
+        problem, runs
+    )
+    assert ", sanding, " in absent(runs)
+
+
+def test_a_column_of_too_many_labels_is_said_not_to_be_tested(training):
+    for count, said in ((12, []), (16, ["vehicle"])):
+        table = training.assign(vehicle=[f"V{run % count:02d}" for run in training["run"]])
+        told = [
+            words for words in untested(problem_of(table), runs_of(table)) if ": vehicle (" in words
+        ]
+        assert told == [
+            f"Not tested: {name} (it has 16 labels, and at most 12 of a column are tested; join "
+            "those that belong together)."
+            for name in said
+        ]
+
+
+def test_the_hour_of_a_wave_has_no_edge(training):
+    """Training from 1 to 22 h, test runs from 0 to 24 h: a wave goes on past midnight."""
+    hours = training.assign(tod_h=1.0 + 21 * training["run"] / training["run"].max())
+    test = training.assign(tod_h=24.0 * training["run"] / training["run"].max())
+    problem, runs = problem_of(hours), runs_of(hours)
+    wave = Periodic(0.1, 0.2, 1 / 24, column="tod_h")
+    spline = Spline.starts({"tod_h": problem.flat["tod_h"]})[0]
+
+    def found(*effects):
+        ranges = ranges_of(problem, runs)
+        law = CorrectedLaw(CURVES["burckhardt"], effects, ranges, problem.calendar)
+        name = "covariate:tod_h"
+        own = Accepted(name, (name,), name, True, ("tod_h",), effects, p=0.001, gain=50.0)
+        state = Selection(alone(hours), accepted=(own,))
+        return law, extrapolated(state, law, runs, matching(runs, runs_of(test)))
+
+    law, said = found(wave)
+    assert said == []
+    phase = 2 * np.pi * 23.5 / 24
+    factor = 1 + 0.1 * np.sin(phase) + 0.2 * np.cos(phase)
+    slip = jnp.asarray(0.03)
+    bare, there = CURVES["burckhardt"](slip, {}), law(slip, {"tod_h": 23.5})
+    np.testing.assert_allclose(there / bare, factor, rtol=1e-12)
+    np.testing.assert_allclose(there, law(slip, {"tod_h": -0.5}), rtol=1e-12)
+    # Beside a wave a spline stands, which knows nothing of midnight.
+    law, ((_, words),) = found(wave, spline)
+    assert words.endswith(
+        "outside 1 to 22, where it was measured: there the law keeps its value " + ("at the edge.")
+    )
+    assert law(slip, {"tod_h": 23.5}) == law(slip, {"tod_h": 22.0})

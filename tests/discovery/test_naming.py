@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from discovery_campaigns import campaign, curve, noise, state_of
 
-from adhesion_jax.discovery.findings.found import contradiction, vetoed
+from adhesion_jax.discovery.findings.dependence import dependences
+from adhesion_jax.discovery.findings.found import contradiction, intervals, vetoed
 from adhesion_jax.discovery.search.state import Accepted
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects import EFFECTS, Covariate
+from adhesion_jax.wording import number
 
 
 def accepted(name, *parts, members=()):
@@ -59,6 +61,21 @@ AXLES = EFFECTS["axle_position"](k1=0.1, k2=0.0, k3=0.0, k4=0.0, k5=0.0)
             0.0,
             "its k1, k2, k3, k4 and k5 holds 0",
         ),
+        # The rail gets cleaner from axle to axle: none is surely worse than one before it.
+        (
+            "axle_position",
+            AXLES,
+            {"k1": (-0.04, -0.05, -0.03)},
+            0.0,
+            "its k1 is -0.04, and it would have to be above the reference",
+        ),
+        (
+            "axle_position",
+            AXLES,
+            {"k1": (0.2, 0.15, 0.25), "k2": (0.2, 0.1, 0.3), "k3": (0.1, 0.08, 0.12)},
+            0.0,
+            "its k3 is 0.1, and it would have to be above k1",
+        ),
     ],
 )
 def test_a_cause_is_contradicted_by_the_end_the_sign_or_the_interval_of_its_strength(
@@ -105,3 +122,25 @@ def test_adhesion_that_rises_with_speed_is_not_named_a_fall_with_it(rises):
     assert effect.parts == state.accepted[0].parts
     (words,) = sentences
     assert words.startswith("Vehicle speed is not named as a cause, although its formula is in ")
+
+
+def test_what_the_data_lack_has_no_interval_and_adhesion_that_falls_to_the_rear_no_cleaning():
+    """Axle B, behind A, has 4 % less adhesion; of further axles nothing is known."""
+    draw = np.random.default_rng(8)
+    table = campaign(draw)
+    rear = table["run"] % 2
+    adhesion = curve(table["slip_ratio"]) * (1 - 0.04 * rear) + noise(draw)
+    table = table.assign(axle=np.where(rear, "B", "A"), adhesion=adhesion)
+    start = AXLES.starts({})[0]
+    state = state_of(table, accepted("axle_position", start)._replace(covariates=("axle",)))
+    ((_, found),) = intervals(state).items()
+    assert found.keys() == {"k1"}
+    np.testing.assert_allclose(found["k1"].value, -0.04, atol=0.01)
+    (effect,), (words,) = vetoed(state)[0].accepted, vetoed(state)[1]
+    assert (effect.name, effect.generic) == ("covariate:axle", True)
+    assert words == (
+        "Position of the axle is not named as a cause, although its formula is in the law: its k1 "
+        f"is {number(found['k1'].value)}, and it would have to be above the reference."
+    )
+    (shown,) = [one for one in dependences(vetoed(state)[0], 0) if one.column == "axle"]
+    assert shown.labels == ("A", "B")

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, Spline
 from adhesion_jax.effects.law import with_effects
+from adhesion_jax.effects.one_column import turn_of
 
 BARE = CURVES["burckhardt"]
 POINT = {
@@ -240,6 +241,23 @@ def test_waves_have_their_length_and_order():
     np.testing.assert_allclose(after(order, np.ones(40), {"wheel_angle_rad": x}), expected)
     wave = KINDS["periodic"](0.1, 0.0, 0.05, column="gap")
     np.testing.assert_allclose(after(wave, np.ones(40), {"gap": x}), 1 + 0.1 * np.sin(phase))
+
+
+@pytest.mark.parametrize(
+    ("turn", "columns"),
+    [
+        (24.0, "hour hours tod_h hour_of_day TimeOfDay Tageszeit Uhrzeit Stunde start_hour"),
+        (24.0, "time_of_day_h hours_local Hour[h]"),
+        (0.0, "operating_hour operating_hours Betriebsstunden per_hour time_s position_m today"),
+        (360.0, "wind_dir heading_deg Windrichtung_Richtung"),
+    ],
+)
+def test_the_name_of_a_column_tells_when_it_begins_anew(turn, columns):
+    for column in (*columns.split(), *(["time of day"] if turn == 24 else [])):
+        assert turn_of(column) == turn, column
+    # Its frequency is then known, and not fitted.
+    wave = KINDS["periodic"](0.1, 0.0, 0.05, column=columns.split()[0])
+    assert ("frequency" in wave.held) == (turn > 0)
 
 
 def factors_of(term, conditions):

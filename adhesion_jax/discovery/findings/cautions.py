@@ -17,6 +17,7 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.effects import EFFECTS, in_words
+from adhesion_jax.effects.labels import MOST as MOST_LABELS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.wording import listed, percent
@@ -53,7 +54,7 @@ def absent(runs: RunSet) -> str:
     """A sentence on the known columns that are absent from the data."""
     there = runs.whole.conditions
     missing = [
-        name
+        f"{name} (left out)" if name in {*runs.left_out, *runs.same} else name
         for name, others in _EXPECTED.items()
         if name not in there and not any(other in there for other in others)
     ]
@@ -69,11 +70,16 @@ def untested(problem: Problem, runs: RunSet) -> tuple[str, ...]:
     """Sentences on the effects that the data cannot test, by reason, and on narrow columns."""
     reasons: dict[str, list[str]] = {}
     for name in EFFECTS:
-        why = why_untested(name, problem)
+        why = why_untested(name, problem, {*runs.left_out, *runs.same})
         if why:
             reasons.setdefault(why, []).append(in_words(name))
     if not problem.in_time:
         reasons.setdefault(NO_TIME, []).append(in_words("slip_noise"))
+    for name in runs.covariates:
+        count = len(runs.named.get(name, ()))
+        if count > MOST_LABELS and name not in problem.constant:
+            why = f"it has {count} labels, and at most {MOST_LABELS} of a column are tested"
+            reasons.setdefault(f"{why}; join those that belong together", []).append(name)
     sentences = [f"Not tested: {', '.join(names)} ({why})." for why, names in reasons.items()]
     for name, values in problem.flat.items():
         limits = _NARROW.get(name)
@@ -135,9 +141,12 @@ def extrapolated(
         low, high = (start + length * one for one in law.ranges[condition])
         judged = start + length * whole[condition][inside]
         share = float(np.mean((judged < low) | (judged > high)))
-        if share <= rules.MUCH_OUTSIDE and condition in problem.flat:
+        cyclic = condition in law.cyclic
+        if (cyclic or share <= rules.MUCH_OUTSIDE) and condition in problem.flat:
             both = judged, start + length * problem.flat[condition]
             found += _apart(name, *both) or _in_gap(name, *both)
+        if cyclic:
+            continue
         found.append(
             (
                 share,

@@ -107,7 +107,8 @@ def _over(
     shape = problem.points.shape
     values = problem.flat[column]
     of_labels = (part for part in effect.parts if isinstance(part, Labels))
-    labels = next((part.values() for part in of_labels if part.column == column), [])
+    named = [float(code) for code, _ in enumerate(problem.named.get(column, ()))]
+    labels = next((part.values() for part in of_labels if part.column == column), named)
     steady = not labels and any(isinstance(part, Memory) for part in effect.parts)
     count = shape[0] if steady else min(_GRID, shape[0] * shape[1])
     grid = np.array(labels) if labels else np.linspace(values.min(), values.max(), count)

@@ -4,6 +4,7 @@ Physics is a veto: a cause that its own parameters contradict is not named, but 
 """
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 
@@ -42,9 +43,11 @@ def intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
 
 
 def _intervals(state: Selection, fitted: Fitted) -> Mapping[Place, Mapping[str, Interval]]:
-    """The intervals of those parameters that are free in `fitted`, a fit of the state."""
+    """The intervals of the parameters that are free in `fitted`, a fit of the state, and told."""
     error = np.sqrt(np.maximum(np.diag(covariance(fitted)), 0.0)) * quantile(fitted)
-    at = {place: number for number, place in enumerate(fitted.places)}
+    # Of a parameter without any curvature the data tell nothing, as of an axle that they lack.
+    told = np.diag(fitted.hessian.sum(0)) > 0
+    at = {place: number for number, place in enumerate(fitted.places) if told[number]}
     slots = slots_of(state.accepted)
     found = {}
     for slot, (part, effect) in enumerate(zip(slots, fitted.effects, strict=True)):
@@ -121,13 +124,17 @@ def contradiction(effect: Accepted, found: Mapping[str, Interval], held_back: fl
     if not isinstance(first, Cause):
         return ""
     ranges = first.FACTS.parameters
-    strengths = {name: found[name] for name in first.FACTS.strengths}
+    strengths = {name: found[name] for name in first.FACTS.strengths if name in found}
     much = held_back > rules.MUCH_HELD_BACK * effect.gain
     for name, (value, *_) in strengths.items():
         if first.FACTS.one_sided and value < 0:
             return f"its {name} is {number(value)}, and it would have to be above 0"
         if much and not ranges[name].lower < value < ranges[name].upper:
             return f"its {name} stands at {number(value)}, an end of the range that it can have"
+    levels = {"the reference": Interval(0.0, 0.0, 0.0), **strengths}
+    for (before, low), (name, high) in combinations(levels.items(), 2):
+        if first.FACTS.rising and high.high < low.low:
+            return f"its {name} is {number(high.value)}, and it would have to be above {before}"
     alone = len(effect.parts) == 1 and len(strengths) > 0
     if alone and all(one.low <= 0 <= one.high for one in strengths.values()):
         return f"the interval of its {listed([*strengths])} holds 0, where it does nothing"
@@ -159,7 +166,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
         for place, part in enumerate(effect.parts):
             prefix = "" if place == 0 else f"{_called(part)} "
             for name, described in part.FACTS.parameters.items():
-                if name in part.FACTS.references or _no_label(part, name):
+                if name not in told[rank, place] or _no_label(part, name):
                     continue
                 interval = told[rank, place][name]
                 if interval.high - interval.low > _UNTOLD * (described.upper - described.lower):

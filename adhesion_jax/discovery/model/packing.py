@@ -106,7 +106,7 @@ def effect_places(slot: int, effect: Effect) -> Mapping[str, int]:
     return {
         name: start + place
         for place, name in enumerate(effect.FACTS.parameters)
-        if name not in effect.FACTS.references
+        if name not in effect.held
     }
 
 

@@ -1,8 +1,7 @@
 """The library of the search: the effects that the data can test, plain columns, and pairs."""
 
 import dataclasses
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from adhesion_jax.effects import (
     Surface,
     family_of,
 )
+from adhesion_jax.effects.one_column import turn_of
 from adhesion_jax.effects.shape import ACTS_ON
 
 #: A column of no more distinct values has no spline.
@@ -77,21 +77,14 @@ def forms_of_column(column: str, problem: Problem) -> list[Entry]:
         entries += column_entries(Spline, column, problem)
     if values > 2:  # two numbers are told apart by a line
         entries += column_entries(Labels, column, problem)
-    turn = _turn(label)
-    if turn:
+    turn = turn_of(label)
+    # Hours of more than a day count on, as those of operation.
+    if turn and np.ptp(problem.flat[column]) <= turn:
         start = Periodic(0.01, 0.01, 1 / turn, column=column)
         entries.append(entry_of(f"covariate:{label}", [start], problem))
     if problem.in_time and not constant_within_runs(column, problem):
         entries += column_entries(Memory, column, problem)
     return [entry for entry in entries if entry.starts]
-
-
-def _turn(label: str) -> float:
-    """The values after which a column of directions or times of day begins anew; 0: none."""
-    words = set(re.split(r"[^a-z]+", label.lower()))
-    if words & {"hour", "uhrzeit", "stunde"}:
-        return 24.0
-    return 360.0 if words & {"dir", "direction", "heading", "azimuth", "richtung"} else 0.0
 
 
 def constant_within_runs(column: str, problem: Problem) -> bool:
@@ -163,8 +156,11 @@ def entry_of(name: str, starts: Sequence[Effect], problem: Problem) -> Entry:
     return Entry(name, tuple(starts), covariates, ":" in name, family_of(name), acts_on)
 
 
-def why_untested(name: str, problem: Problem) -> str:
-    """Why the data cannot test the effect of that name; empty if they can."""
+def why_untested(name: str, problem: Problem, left_out: Container[str] = ()) -> str:
+    """Why the data cannot test the effect of that name; empty if they can.
+
+    `left_out` are columns that the data have and that are not used.
+    """
     effect = EFFECTS[name]
     if "time_s" in effect.FACTS.needs and not problem.in_time:
         return NO_TIME
@@ -173,7 +169,8 @@ def why_untested(name: str, problem: Problem) -> str:
         return "the curve of braking is one of its own: where it surely differs the verdict says so"
     for need in needs:
         if need != "mode" and need not in problem.flat and need not in problem.constant:
-            return f"needs the column {need}, which is absent"
+            lacks = "left out" if need in left_out else "absent"
+            return f"needs the column {need}, which is {lacks}"
     if not needs and "slip_ratio" in problem.constant:
         return "needs the slip to vary, which is constant"
     varies = not needs or any(need in problem.flat for need in needs)
