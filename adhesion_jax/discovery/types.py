@@ -92,7 +92,8 @@ class Dependence(NamedTuple):
     low: np.ndarray  # [grid]: 95 % band
     high: np.ndarray
     labels: tuple[str, ...] = ()  # the names of the values, [grid], of a column of labels
-    at_slip: float = float("nan")  # of a curve itself: where it depends most on the column
+    #: Of a curve itself, and of what acts on its shape: where it depends most on the column.
+    at_slip: float = float("nan")
     told: int = -1  # of a curve itself: the place of the factor that the verdict tells
 
 

@@ -42,6 +42,27 @@ def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     assert {*(f"k of {one}" for one in "abcd"), *refined} == {*told.parameters} == {*told.units}
 
 
+def test_what_stretches_the_slip_scale_is_shown_where_it_changes_adhesion_most():
+    """The peak lies at half the slip in the warm; at the median slip little is seen of that."""
+    draw = np.random.default_rng(8)
+    table = campaign(draw)
+    warm = table["run"] / table["run"].max()
+    table["warm"] = warm
+    scale = 2.0 ** -(warm - 0.5)
+    table["adhesion"] = curve(table["slip_ratio"] / scale) + noise(draw, sigma=0.002)
+    part = Covariate(0.1, 0.5, 0.5, column="warm", acts_on="slip")
+    name = "covariate:warm"
+    effect = Accepted(name, (name,), "warm", True, ("warm",), (part,), p=0.0005, gain=90.0)
+    (shown,) = dependences(state_of(table, effect), seed=0)
+    slips = np.quantile(table["slip_ratio"].abs(), np.linspace(0, 1, 17))
+    cold, hot = 2**0.5, 2**-0.5
+    changes = np.abs(curve(slips / hot) - curve(slips / cold))
+    assert shown.at_slip == pytest.approx(slips[changes.argmax()], rel=1e-6)
+    expected = curve(shown.at_slip / hot) / curve(shown.at_slip / cold)
+    assert shown.factor[-1] / shown.factor[0] == pytest.approx(expected, rel=0.03)
+    assert abs(expected - 1) > 0.1
+
+
 def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():
     """Sand that takes 3 s to arrive was on for 2 s at a time, and wets the rail at once."""
     draw = np.random.default_rng(4)

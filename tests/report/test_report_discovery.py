@@ -220,7 +220,7 @@ def test_verdict_of_effects():
     assert verdict(two_effects()) == (
         "What burckhardt lacks here: humidity (adjusted p = 0.0011; adhesion falls by 14.8 % as "
         "relative humidity (%) goes from 25 to 95); exponential loss with slip velocity (adjusted "
-        "p = 0.0023; deepens or flattens the fall beyond the peak; at the median slip adhesion "
+        "p = 0.0023; deepens or flattens the fall beyond the peak; adhesion "
         "falls by 10.5 % as vehicle speed (m/s) goes from 5.131 to 39.61; the data cannot tell "
         "exponential loss with slip velocity from falling friction or contact heating). On runs "
         "not used for fitting (test set, 8 runs) the error falls from 0.01588 to 0.01031 "

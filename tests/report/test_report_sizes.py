@@ -73,12 +73,12 @@ def test_a_step_is_told_with_its_place_and_a_rise_without():
     assert told(1 + 0.177 * np.clip((time - 3000) / 3200, 0, 1), time) == rises
 
 
-def test_what_stretches_the_slip_scale_has_a_size_at_the_median_slip():
+def test_what_stretches_the_slip_scale_has_a_size_at_a_slip():
     stretched = unexplained().unexplained[0]._replace(acts_on="slip")
     scale = "stretches the slip scale: the initial slope and the place of the peak move"
     line = np.linspace(1.0, 0.9, 20)
-    falls = "at the median slip adhesion falls by 10.0 % as hour goes from 0 to 24"
-    assert told(line, effect=stretched) == f"{scale}, the maximum stays; {falls}"
+    falls = "at slip 0.013 adhesion falls by 10.0 % as hour goes from 0 to 24"
+    assert told(line, effect=stretched, at_slip=0.0126) == f"{scale}, the maximum stays; {falls}"
     # What reads as 0.0 % is no size.
     assert told(1 + 0.001 * line, effect=stretched) == f"{scale}, the maximum stays"
 

@@ -22,8 +22,9 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
 from adhesion_jax.wording import listed, percent
 
-#: Runs far from all others that are named, at most.
-_OUTLYING_TOLD = 3
+#: A run is named that differs from the others by this many times their scatter and by this share of
+#: the adhesion, if no more than this share of the runs do; at most three of them. By hand.
+_FAR_TIMES, _FAR_LEVEL, _FAR_SHARE, _FAR_TOLD = 6.0, 0.05, 0.1, 3
 
 #: Stretches of slip in which the departure of the curve is looked at.
 _STRETCHES = 20
@@ -257,12 +258,12 @@ def outlying(levels: pd.DataFrame | None) -> tuple[str, ...]:
     after = levels["after"].to_numpy()
     apart = after - np.median(after)
     spread = max(1.4826 * float(np.median(np.abs(apart))), float(levels["error"].median()))
-    far = np.flatnonzero(np.abs(apart) > max(rules.OUTLYING_RUN * spread, rules.OUTLYING_LEVEL))
-    if not 0 < far.size <= rules.OUTLYING_SHARE * len(levels):
+    far = np.flatnonzero(np.abs(apart) > max(_FAR_TIMES * spread, _FAR_LEVEL))
+    if not 0 < far.size <= _FAR_SHARE * len(levels):
         return ()
     runs = [
         f"run {levels['run'].iloc[place]} by {percent(after[place])}"
-        for place in far[np.argsort(-np.abs(apart[far]))][:_OUTLYING_TOLD]
+        for place in far[np.argsort(-np.abs(apart[far]))][:_FAR_TOLD]
     ]
     return (
         f"The level of adhesion differs from the law in {listed(runs)}, where the other runs "

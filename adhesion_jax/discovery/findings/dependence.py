@@ -101,7 +101,8 @@ def _over(
 ) -> Dependence:
     """The dependence on a column, the others at their medians unless they are functions of it.
 
-    One of labels has no values between them, and one with a memory has each value for a whole run.
+    What acts on the shape of the curve is shown at the slip at which adhesion changes most. One of
+    labels has no values between them, and one with a memory has each value for a whole run.
     """
     problem = state.setting.problem
     shape = problem.points.shape
@@ -125,10 +126,27 @@ def _over(
         if stands_for[condition] == column:
             by_grid = np.interp(grid, values[order], problem.flat[condition][order])
             moved[condition] = laid(by_grid)
+    slip = np.nan
+    acts_on = {getattr(part, "acts_on", "level") for part in effect.parts}
+    if acts_on != {"level"} and not {column} & {"slip_ratio", "slip_velocity_mps"}:
+
+        def change(slip: float) -> float:
+            columns = {**moved, "slip_ratio": np.full(shape, slip)}
+            return float(np.ptp(_adhesion(state, parts, draws[:1], columns)))
+
+        slip = max(_slips(problem), key=change)
+        moved["slip_ratio"] = np.full(shape, slip)
     factors = _factors(state, parts, draws, moved)
     factors = (factors[:, :, 0] if steady else factors.reshape(_DRAWS, -1))[:, : grid.size]
     names = tuple(problem.name_of(column, label) for label in labels)
-    return _banded(effect.name, column, _unit(column), grid, factors)._replace(labels=names)
+    shown = _banded(effect.name, column, _unit(column), grid, factors)
+    return shown._replace(labels=names, at_slip=slip)
+
+
+def _slips(problem: Problem) -> list[float]:
+    """Quantiles of the sizes of the slips measured."""
+    sizes = np.abs(np.asarray(problem.data.slip)[problem.points > 0])
+    return [float(one) for one in np.quantile(sizes, np.linspace(0, 1, _SLIPS))]
 
 
 def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
@@ -145,9 +163,7 @@ def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
         adhesion = _adhesion(state, (), draws, columns).reshape(len(draws), -1)[:, : grid.size]
         return _ratio(adhesion, adhesion[:, :1])
 
-    sizes = np.abs(np.asarray(problem.data.slip)[problem.points > 0])
-    slips = np.quantile(sizes, np.linspace(0, 1, _SLIPS)).tolist()
-    slip = max(slips, key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
+    slip = max(_slips(problem), key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
     shown = _banded(state.base, column, _unit(column), grid, factors(slip, draws))
     return shown._replace(at_slip=slip)
 

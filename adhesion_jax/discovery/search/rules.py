@@ -207,10 +207,6 @@ OUTLIER_DEVIATIONS = 5.0
 #: correlation is below this. By hand: many points make small correlations significant.
 NOISE_SIGNIFICANT = 1e-4
 
-#: A run is told that differs from the others by this many times their scatter, and by this share of
-#: the adhesion, if no more than this share of the runs do. By hand.
-OUTLYING_RUN, OUTLYING_LEVEL, OUTLYING_SHARE = 6.0, 0.05, 0.1
-
 #: Outliers, dependence and steps are not reported of fewer points than this. By hand.
 FEWEST_POINTS_OF_NOISE = 50
 

@@ -122,7 +122,10 @@ def _dependences(findings: Findings) -> Figure | None:
 
 def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
     axis.axhline(1.0, color="0.4", linewidth=0.8)
-    axis.set_title(label_text(humanised(dependence.effect)), fontsize=9, loc="left")
+    named, at_slip = label_text(humanised(dependence.effect)), dependence.at_slip
+    if np.isfinite(at_slip) and dependence.column != "slip_ratio":
+        named += f", at slip {at_slip:.2g}"
+    axis.set_title(named, fontsize=9, loc="left")
     if dependence.labels:
         middle, places = dependence.factor, np.arange(len(dependence.labels))
         spread = np.maximum([middle - dependence.low, dependence.high - middle], 0.0)

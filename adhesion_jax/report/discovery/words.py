@@ -230,14 +230,14 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
     """Size and sign of the change of adhesion over the column that changes it most.
 
     Empty where that is below a tenth of a per cent. What acts on a part of the curve has another
-    size at every slip, and the others are at their medians.
+    size at every slip, and is told where it is largest.
     """
     own = [one for one in findings.dependences if one.effect == effect.name]
     most = max(own, key=lambda one: float(np.ptp(one.factor)), default=None)
     if most is None or np.ptp(most.factor) < _TRIVIAL:
         return ""
-    at_slip = effect.acts_on != "level" and most.column != "slip_ratio"
-    return "at the median slip " * at_slip + (_of_labels(most) if most.labels else _over(most))
+    at_slip = f"at slip {most.at_slip:.2g} " if np.isfinite(most.at_slip) else ""
+    return at_slip + (_of_labels(most) if most.labels else _over(most))
 
 
 def _of_labels(own: Dependence) -> str:
