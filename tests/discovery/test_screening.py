@@ -491,16 +491,16 @@ def test_labels_are_found_where_each_has_a_level_of_its_own(null, table, library
 def test_a_column_of_two_names_is_found_as_names_and_one_of_two_numbers_as_a_line():
     draw = np.random.default_rng(35)
     table = campaign(draw)
-    sander = np.where(table["run"] % 2, "on", "off")
-    level = np.where(sander == "on", 1.06, 1.0)
+    scraper = np.where(table["run"] % 2, "on", "off")
+    level = np.where(scraper == "on", 1.06, 1.0)
     whole = table.assign(adhesion=curve(table["slip_ratio"]) * level + noise(draw))
-    for column, kind in ((sander, Labels), (1.0 * (sander == "on"), Covariate)):
-        null = null_of(alone(whole.assign(sander=column)))
+    for column, kind in ((scraper, Labels), (1.0 * (scraper == "on"), Covariate)):
+        null = null_of(alone(whole.assign(scraper=column)))
         library = library_of(null.fitted.setting.problem)
-        own = {type(one.starts[0]) for one in library if one.covariates == ("sander",)}
+        own = {type(one.starts[0]) for one in library if one.covariates == ("scraper",)}
         assert own == {kind}
         scores = screen([([null], library)], seed=0)
-        assert scores[0].form == ("covariate:sander", kind, "level")
+        assert scores[0].form == ("covariate:scraper", kind, "level")
         assert scores[0].p == 1 / (1 + FLIPS)
 
 
