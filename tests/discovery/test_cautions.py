@@ -185,6 +185,16 @@ def test_a_law_that_the_test_data_refute_is_told_and_not_handed_out():
 
 
 @pytest.mark.parametrize(
+    ("error", "level", "is_far"),
+    [(0.004, 0.051, True), (0.004, 0.049, False), (0.01, -0.061, True), (0.01, -0.059, False)],
+)
+def test_a_run_is_far_from_five_per_cent_and_from_six_times_the_scatter_on(error, level, is_far):
+    after = np.append(np.zeros(19), level)  # the others scatter by their error
+    levels = pd.DataFrame({"run": [*map(str, range(20))], "after": after, "error": error})
+    assert bool(outlying(levels)) == is_far
+
+
+@pytest.mark.parametrize(
     ("level", "words"), [(-0.502, "in run 7 by -50 %,"), (0.4, "in run 7 by 40 %,"), (0.04, "")]
 )
 def test_a_run_that_is_far_from_all_others_is_named(level, words):

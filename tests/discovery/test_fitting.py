@@ -498,10 +498,15 @@ def test_a_run_that_loses_does_not_outvote_those_that_gain():
     found = gain_of(gains)
     assert found.total / found.error > 4
     assert found.deviate == pytest.approx(root, rel=0.2)
+    # With s = -1.5/t the cubic is 7/12 t, and s/6 is -1/(4 t).
+    t = found.total / found.error
+    assert found.deviate == pytest.approx(
+        stats.norm.isf(stats.t.sf(7 / 12 * t - 1 / (4 * t), 21)), rel=1e-9
+    )
     surer = found._replace(error=found.error / 2)
     assert surer.deviate > 1.6 * found.deviate  # also beyond where the cubic has no slope
     slightly = found._replace(skewness=-0.3)  # 1.5/t is more than that
-    t, s = found.total / found.error, -0.3
+    s = -0.3
     cubic = ((1 + s * t / 3) ** 3 - 1) / s + s / 6
     assert slightly.deviate == pytest.approx(stats.norm.isf(stats.t.sf(cubic, 21)))
 

@@ -1,6 +1,7 @@
 """What is told of the signals and their noise, and of what few runs cannot show."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from discovery_campaigns import (
     POINTS,
@@ -67,6 +68,18 @@ def test_a_column_computed_from_a_signal_echoes_it_and_a_cause_does_not():
     assert "motor_A follows the adhesion as the slip moves it: 9" in found["motor_A"]
     assert "drive_Nm repeats the adhesion" in found["drive_Nm"]
     assert "drum_mps repeats the slip" in found["drum_mps"]
+
+
+@pytest.mark.parametrize(("common", "is_left_out"), [(0.92, True), (0.88, False)])
+def test_a_current_follows_the_adhesion_from_nine_tenths_of_its_variance_on(common, is_left_out):
+    draw, table = np.random.default_rng(4), drawn(3)
+    within = table["adhesion"] - table.groupby("run")["adhesion"].transform("mean")
+    own = draw.normal(size=len(table))
+    own -= pd.Series(own).groupby(table["run"].to_numpy()).transform("mean").to_numpy()
+    own -= within * (own @ within) / (within @ within)  # the share is then exactly that
+    own *= np.sqrt((1 / common - 1) * (within @ within) / (own @ own))
+    found = echoes(fitted_to(table.assign(motor_A=1400 * (table["adhesion"] + own))))
+    assert ("motor_A" in found) == is_left_out
 
 
 def test_a_load_that_the_pull_moves_is_no_cause_and_one_that_was_set_may_be():

@@ -108,7 +108,7 @@ def _over(
     shape = problem.points.shape
     values = problem.flat[column]
     of_labels = (part for part in effect.parts if isinstance(part, Labels))
-    named = [float(code) for code, _ in enumerate(problem.named.get(column, ()))]
+    named = [float(code) for code in range(len(problem.named.get(column, ())))]
     labels = next((part.values() for part in of_labels if part.column == column), named)
     steady = not labels and any(isinstance(part, Memory) for part in effect.parts)
     count = shape[0] if steady else min(_GRID, shape[0] * shape[1])
@@ -128,7 +128,7 @@ def _over(
             moved[condition] = laid(by_grid)
     slip = np.nan
     acts_on = {getattr(part, "acts_on", "level") for part in effect.parts}
-    if acts_on != {"level"} and not {column} & {"slip_ratio", "slip_velocity_mps"}:
+    if acts_on != {"level"} and column not in ("slip_ratio", "slip_velocity_mps"):
 
         def change(slip: float) -> float:
             columns = {**moved, "slip_ratio": np.full(shape, slip)}
