@@ -100,14 +100,18 @@ class RunSet(NamedTuple):
         return Record(slip, adhesion, mask, mask, self.conditions_at(held))
 
     def conditions_at(self, held: np.ndarray) -> dict[str, jnp.ndarray]:
-        """The conditions of the rows in those places of `whole`, and the order of their runs.
+        """The conditions of the rows in those places of `whole`, and those that follow from runs.
 
-        It is the condition `run_order`, and computed here since a column of it would repeat one
-        number a run.
+        These are `run_order`, the order of their runs, and `run_time_s`, the time since a run in
+        time began; a measured column of that name stands.
         """
-        conditions = {name: jnp.asarray(rows[held]) for name, rows in self.whole.conditions.items()}
         run = np.searchsorted(self.starts, held, side="right") - 1
-        return conditions | {"run_order": jnp.asarray(self.order[run])}
+        found = {"run_order": self.order[run]}
+        time = self.whole.conditions.get("time_s")
+        if time is not None and not self.blocks:
+            found["run_time_s"] = time[held] - time[self.starts][run]
+        found |= {name: rows[held] for name, rows in self.whole.conditions.items()}
+        return {name: jnp.asarray(values) for name, values in found.items()}
 
     @property
     def weights(self) -> np.ndarray:

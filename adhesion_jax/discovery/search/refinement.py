@@ -1,7 +1,6 @@
 """What becomes of accepted effects: their form is refined, and what is unnecessary is left out."""
 
 import dataclasses
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
 from adhesion_jax.discovery.model.fitting import refitted
@@ -21,7 +20,7 @@ from adhesion_jax.discovery.search.state import (
     with_constants,
     with_parts,
 )
-from adhesion_jax.discovery.search.trials import Trial, is_worth, tried
+from adhesion_jax.discovery.search.trials import Trial, is_worth, new_slot, tried
 from adhesion_jax.effects import (
     EFFECTS,
     Constant,
@@ -54,7 +53,7 @@ def refined(state: Selection, seed: int) -> Selection:
             chosen = _part_more(state, number, seed)
             if chosen is None:
                 break
-            fitted, slot = chosen.fitted, _new_slot(chosen)
+            fitted, slot = chosen.fitted, new_slot(chosen)
             part = (number, len(state.accepted[number].parts))
             slots = [*slots[:slot], part, *slots[slot:]]
             accepted = with_parts(state.accepted, slots, fitted.effects)
@@ -78,17 +77,6 @@ def _part_more(state: Selection, number: int, seed: int) -> Trial | None:
     chosen = min(trials, key=lambda trial: trial.loss)
     gained = gain(state.fitted, chosen.fitted)
     return chosen if gained.total > gained.error else None
-
-
-def fitted_start(chosen: Trial) -> Effect:
-    """The effect that a trial has added, with the parameters of its fit."""
-    return chosen.fitted.effects[_new_slot(chosen)]
-
-
-def _new_slot(chosen: Trial) -> int:
-    """Where the effect that a trial has added stands: the last of those of its ORDER."""
-    orders = [effect.ORDER for effect in chosen.fitted.effects]
-    return bisect_right(orders, chosen.score.start.ORDER) - 1
 
 
 def forms_of(effect: Accepted, problem: Problem) -> list[Entry]:

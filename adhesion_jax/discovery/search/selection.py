@@ -9,7 +9,7 @@ from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column, surfaces
 from adhesion_jax.discovery.search.probes import Null, beside_smoothing, null_of, split
-from adhesion_jax.discovery.search.refinement import fitted_start, form_of, pruned, refined
+from adhesion_jax.discovery.search.refinement import form_of, pruned, refined
 from adhesion_jax.discovery.search.scans import waves
 from adhesion_jax.discovery.search.screening import Score, least_p, screen
 from adhesion_jax.discovery.search.state import (
@@ -25,6 +25,7 @@ from adhesion_jax.discovery.search.trials import (
     choose,
     class_of,
     clearly_ahead,
+    fitted_start,
     is_worth,
     ranked,
     shortlisted,

@@ -1,6 +1,7 @@
 """One round of the search: the candidates of largest score are refitted, and one is chosen."""
 
 import dataclasses
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -16,7 +17,16 @@ from adhesion_jax.discovery.model.prediction import (
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.screening import Score
 from adhesion_jax.discovery.types import Candidate
-from adhesion_jax.effects import EFFECTS, Covariate, Effect, Labels, Memory, ShapeTerm, Spline
+from adhesion_jax.effects import (
+    EFFECTS,
+    Cause,
+    Covariate,
+    Effect,
+    Labels,
+    Memory,
+    ShapeTerm,
+    Spline,
+)
 
 
 def of_signals() -> tuple[str, ...]:
@@ -35,6 +45,17 @@ class Trial(NamedTuple):
 def trial_of(fitted: Fitted, score: Score) -> Trial:
     """A model as it is, as a trial that others are compared with."""
     return Trial(score, fitted, float(expected_loss(fitted).sum()))
+
+
+def fitted_start(trial: Trial) -> Effect:
+    """The effect that a trial has added, with the parameters of its fit."""
+    return trial.fitted.effects[new_slot(trial)]
+
+
+def new_slot(trial: Trial) -> int:
+    """Where the effect that a trial has added stands: the last of those of its ORDER."""
+    orders = [effect.ORDER for effect in trial.fitted.effects]
+    return bisect_right(orders, trial.score.start.ORDER) - 1
 
 
 def shortlisted(scores: Sequence[Score], significant: float) -> Sequence[Score]:
@@ -71,20 +92,33 @@ def _small(start: Effect) -> Effect:
 def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     """The candidate that explains the residual of the model `now`.
 
-    The best physical cause, unless the best plain column is clearly ahead of it, or the cause
-    reaches but a small part of what the column gains.
+    The best physical cause whose sign is possible, unless the best plain column is clearly ahead of
+    it, or the cause reaches but a small part of what the column gains. A line over a column that
+    the cause does not rest on is as plain as any formula: it need not be ahead by much.
     """
     causes = [trial for trial in trials if not trial.score.entry.generic]
     columns = [trial for trial in trials if trial.score.entry.generic]
     if not columns:
         return min(causes, key=lambda trial: trial.loss)
     column = _best_column(columns, now)
+    causes = [trial for trial in causes if _of_possible_sign(trial)]
     if not causes:
         return column
     cause = min(causes, key=lambda trial: trial.loss)
     much = rules.CAUSE_SHARE_OF_GAIN * (now.loss - column.loss)
-    fits = now.loss - cause.loss > much and not clearly_ahead(cause, column, now)
+    entry, rests_on = column.score.entry, {*cause.score.entry.covariates}
+    line = isinstance(column.score.start, Covariate) and not rests_on & {*entry.covariates}
+    share = 0.0 if line else rules.COLUMN_SHARE_OF_GAIN
+    fits = now.loss - cause.loss > much and not clearly_ahead(cause, column, now, share)
     return cause if fits else column
+
+
+def _of_possible_sign(trial: Trial) -> bool:
+    """Whether no strength of a cause is below 0 that would have to be above it."""
+    found = fitted_start(trial)
+    if not isinstance(found, Cause) or not found.FACTS.one_sided:
+        return True
+    return all(getattr(found, name) >= 0 for name in found.FACTS.strengths)
 
 
 def _best_column(columns: Sequence[Trial], now: Trial) -> Trial:
@@ -97,10 +131,15 @@ def _best_column(columns: Sequence[Trial], now: Trial) -> Trial:
     return best if clearly_ahead(one, best, now) else one
 
 
-def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
-    """Whether a candidate gains so much more than a plainer one that it is preferred."""
+def clearly_ahead(
+    plainer: Trial, other: Trial, now: Trial, share: float = rules.COLUMN_SHARE_OF_GAIN
+) -> bool:
+    """Whether a candidate gains so much more than a plainer one that it is preferred.
+
+    It is surely ahead, and by more than a share of its own gain.
+    """
     ahead = gain(plainer.fitted, other.fitted)
-    much = ahead.total > rules.COLUMN_SHARE_OF_GAIN * (now.loss - other.loss)
+    much = ahead.total > share * (now.loss - other.loss)
     return much and ahead.deviate > rules.AHEAD_ERRORS
 
 

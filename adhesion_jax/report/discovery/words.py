@@ -33,7 +33,11 @@ _ACTS_ON = {
 _TRIVIAL = 1e-3
 
 #: Columns that are not measured but follow from the file.
-_DERIVED = {"run_order": "order of the runs (1)", "campaign_time": "time in the campaign (1)"}
+_DERIVED = {
+    "run_order": "order of the runs (1)",
+    "campaign_time": "time in the campaign (1)",
+    "run_time_s": "time since the run began (s)",
+}
 _SUFFIXES = ("per_m", "mps2", "mps", "pct", "rad", "deg", "s", "N", "C", "m")
 
 
