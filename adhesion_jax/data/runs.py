@@ -100,18 +100,14 @@ class RunSet(NamedTuple):
         return Record(slip, adhesion, mask, mask, self.conditions_at(held))
 
     def conditions_at(self, held: np.ndarray) -> dict[str, jnp.ndarray]:
-        """The conditions of the rows in those places of `whole`, and those that follow from runs.
+        """The conditions of the rows in those places of `whole`, and the order of their runs.
 
-        These are `run_order`, the order of their runs, and `run_time_s`, the time since a run in
-        time began; a measured column of that name stands.
+        It is the condition `run_order`, and computed here since a column of it would repeat one
+        number a run.
         """
+        conditions = {name: jnp.asarray(rows[held]) for name, rows in self.whole.conditions.items()}
         run = np.searchsorted(self.starts, held, side="right") - 1
-        found = {"run_order": self.order[run]}
-        time = self.whole.conditions.get("time_s")
-        if time is not None and not self.blocks:
-            found["run_time_s"] = time[held] - time[self.starts][run]
-        found |= {name: rows[held] for name, rows in self.whole.conditions.items()}
-        return {name: jnp.asarray(values) for name, values in found.items()}
+        return conditions | {"run_order": jnp.asarray(self.order[run])}
 
     @property
     def weights(self) -> np.ndarray:
@@ -199,6 +195,20 @@ def in_blocks(runs: RunSet) -> RunSet:
             *runs.warnings,
         ),
     )
+
+
+def with_run_time(runs: RunSet) -> RunSet:
+    """The runs with `run_time_s`, the time since each began, where the data have no such column.
+
+    Those without a time, and blocks of one run, are returned as they are.
+    """
+    conditions = runs.whole.conditions
+    if runs.blocks or "time_s" not in conditions:
+        return runs
+    since = conditions["time_s"] - np.repeat(conditions["time_s"][runs.starts], runs.lengths)
+    if any(np.array_equal(since, rows) for name, rows in conditions.items() if name != "time_s"):
+        return runs
+    return runs._replace(whole=runs.whole._replace(conditions={"run_time_s": since, **conditions}))
 
 
 def cut_alike(runs: RunSet, test: RunSet) -> RunSet:

@@ -11,7 +11,7 @@ from adhesion_jax import runtime
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.data.condensing import alike, block_means, condensed, hidden_shares
 from adhesion_jax.data.reading import POINTS
-from adhesion_jax.data.runs import Rows, RunSet, cut_alike, in_blocks
+from adhesion_jax.data.runs import Rows, RunSet, cut_alike, in_blocks, with_run_time
 from adhesion_jax.discovery.findings.summary import law_of, smoothing_of, summarise
 from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.course import (
@@ -86,11 +86,12 @@ def discover(
     Raises InputError for a base curve that is not known, or that needs a column the runs lack, for
     test runs that are training runs, and for a correction without test runs.
     """
-    began, runs = time.perf_counter(), in_blocks(runs)
+    began, runs = time.perf_counter(), with_run_time(in_blocks(runs))
     if correct and test is None:
         raise InputError("--correct is of the predictions of test data; name them by --test.")
     if test is not None:
         refuse_training_runs(runs, test)
+        test = with_run_time(test) if "run_time_s" in runs.whole.conditions else test
     import_trees()
     progress = _never_falling(progress)
     asked = (base,) if isinstance(base, str) else tuple(base)

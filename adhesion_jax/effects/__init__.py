@@ -97,4 +97,5 @@ def in_words(name: str) -> str:
         return "noise in the slip signal"
     if kind not in KINDS:
         return kind.replace("_", " ") + (f" of {columns}" if columns else "")
-    return KINDS[kind].FACTS.phrase.replace("{}", columns)
+    said = {"run_time_s": "the time since the run began"}.get(columns, columns)
+    return KINDS[kind].FACTS.phrase.replace("{}", said)

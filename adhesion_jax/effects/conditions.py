@@ -53,6 +53,8 @@ def completed(
     if calendar.column in conditions:
         span = calendar.end - calendar.start
         conditions["campaign_time"] = (conditions[calendar.column] - calendar.start) / span
+    if has_history(measured):
+        conditions.setdefault("run_time_s", conditions["time_s"] - conditions["time_s"][0])
     for name in TEMPERATURES:
         if name in conditions:
             conditions.setdefault("temperature_C", conditions[name])

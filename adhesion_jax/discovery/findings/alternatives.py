@@ -15,7 +15,7 @@ from adhesion_jax.effects import in_words, kind_of
 from adhesion_jax.wording import capital, listed
 
 #: Columns that every run goes through, which are no conditions of a measurement.
-_OF_EVERY_RUN = {"slip_ratio", "slip_velocity_mps", "time_s"}
+_OF_EVERY_RUN = {"slip_ratio", "slip_velocity_mps", "time_s", "run_time_s"}
 
 
 class Likeness(NamedTuple):

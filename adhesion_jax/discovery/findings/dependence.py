@@ -139,7 +139,7 @@ def _over(
     factors = _factors(state, parts, draws, moved)
     factors = (factors[:, :, 0] if steady else factors.reshape(_DRAWS, -1))[:, : grid.size]
     names = tuple(problem.name_of(column, label) for label in labels)
-    shown = _banded(effect.name, column, _unit(column), grid, factors)
+    shown = _banded(effect.name, column, unit_of(column), grid, factors)
     return shown._replace(labels=names, at_slip=slip)
 
 
@@ -164,7 +164,7 @@ def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
         return _ratio(adhesion, adhesion[:, :1])
 
     slip = max(_slips(problem), key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
-    shown = _banded(state.base, column, _unit(column), grid, factors(slip, draws))
+    shown = _banded(state.base, column, unit_of(column), grid, factors(slip, draws))
     return shown._replace(at_slip=slip)
 
 
@@ -287,8 +287,12 @@ def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
     return Data(slip, problem.data.adhesion, problem.data.span, conditions, np.stack(stacked))
 
 
-def _unit(column: str) -> str:
-    return COLUMNS[column].unit if column in COLUMNS else "unit of the column"
+def unit_of(column: str) -> str:
+    """The unit of a column, as far as it is known."""
+    worked_out = {"run_time_s": "s"}
+    return (
+        COLUMNS[column].unit if column in COLUMNS else worked_out.get(column, "unit of the column")
+    )
 
 
 def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:

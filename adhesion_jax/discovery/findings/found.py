@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.discovery.findings.dependence import unit_of
 from adhesion_jax.discovery.model.course import Course, size_in_words
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
@@ -177,8 +177,7 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
                     interval = Interval(interval.value, np.nan, np.nan)
                 parameters[said] = interval
                 column = getattr(part, "column", "") or next(iter(effect.covariates), "")
-                unit = COLUMNS[column].unit if column in COLUMNS else "unit of the column"
-                units[said] = described.unit.replace("column", unit)
+                units[said] = described.unit.replace("column", unit_of(column))
         formula = _formula(effect.parts[0])
         found.append(
             FoundEffect(
