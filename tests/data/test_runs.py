@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from adhesion_jax.data import SHIPPED, check_curve, matching, read_all, read_measured, runs, to_runs
-from adhesion_jax.data.runs import cut_alike, in_blocks
+from adhesion_jax.data.runs import cut_alike, in_blocks, with_run_time
 from adhesion_jax.data.stretches import steps_in_runs
 from adhesion_jax.errors import InputError
 
@@ -550,3 +550,26 @@ def test_many_columns_are_read_without_a_warning(tmp_path):
         warnings.simplefilter("error")
         found = to_runs(read_all([written(tmp_path, table)]))
     assert len(found.covariates) == 120
+
+
+def test_the_time_since_a_run_began_is_a_column_where_runs_are_in_time(tmp_path):
+    table = good(12).assign(run=[3] * 5 + [7] * 7, time_s=10 + 0.5 * np.arange(12.0) ** 1.2)
+    found = to_runs(read_all([written(tmp_path, table)]))
+    time = table["time_s"].to_numpy()
+    since = with_run_time(found).whole.conditions["run_time_s"]
+    np.testing.assert_array_equal(since, time - np.repeat([time[0], time[5]], [5, 7]))
+    assert "run_time_s" not in found.whole.conditions
+    # A measured column of that name or of those numbers stands, and so does one without a time.
+    own = to_runs(read_all([written(tmp_path, table.assign(run_time_s=np.arange(12.0)))]))
+    assert with_run_time(own).whole.conditions["run_time_s"].tolist() == [*range(12)]
+    same = to_runs(read_all([written(tmp_path, table.assign(seconds_on=since))]))
+    assert with_run_time(same) is same
+    steady = to_runs(read_all([written(tmp_path, table.drop(columns="time_s"))]))
+    assert with_run_time(steady) is steady
+
+
+def test_blocks_of_one_run_have_no_time_since_they_began(tmp_path):
+    table = good(40).assign(time_s=np.arange(40.0))
+    blocks = in_blocks(to_runs(read_all([written(tmp_path, table)])))
+    assert "time_s" in blocks.whole.conditions
+    assert with_run_time(blocks) is blocks

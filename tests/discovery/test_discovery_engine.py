@@ -304,6 +304,29 @@ def test_a_cause_of_levels_is_found_that_acts_otherwise_within_the_runs():
     assert shares == sorted(shares)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [-0.15, 0.15])
+def test_what_changes_while_a_run_lasts_goes_by_the_time_since_it_began(change):
+    """Running-in: no column tells of it, and adhesion that falls is cleaned by nothing."""
+    table = simulate(seed=6, base="burckhardt", **SIZE).train.drop(columns=["sanding"])
+    since = table["time_s"] - table.groupby("run")["time_s"].transform("min")
+    grown = 1 + change * (1 - np.exp(-since / 5))
+    found = discover(runs_of(table.assign(adhesion=table["adhesion"] * grown)))
+    (effect,) = (*found.effects, *found.unexplained)
+    assert effect.name == "covariate:run_time_s"
+    assert found.validation.removed.value > 0.9 * found.train.removed.value
+    (shown,) = (one for one in found.dependences if one.column == "run_time_s")
+    true = 1 + change * (1 - np.exp(-shown.values / 5))
+    np.testing.assert_allclose(shown.factor / shown.factor[0], true / true[0], atol=0.03)
+    # A whole run in time tells the time since it began, as no column does.
+    time, slip = jnp.linspace(100.0, 118.0, 19), jnp.full(19, 0.03)
+    conditions = {"vehicle_speed_mps": jnp.full(19, 10.0), "time_s": time}
+    told = np.asarray(found.law(slip, conditions))
+    since = np.asarray(found.law(slip, {**conditions, "run_time_s": time - 100}))
+    np.testing.assert_allclose(told, since, rtol=1e-12)
+    assert np.ptp(told) > 0.01
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, *more(1, 2, 3)])
 def test_a_rig_of_one_slip_has_lateral_creep(seed):

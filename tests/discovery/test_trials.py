@@ -102,12 +102,51 @@ def test_a_cause_is_named_where_its_formula_fits_as_well_as_its_column(
     )
 
     def gained(name, gain):
-        loss = 100.0 - gain
-        return Trial(score(name), Bare(loss=loss), loss)
+        return a_trial(score(name), gain)
 
     cause, column = gained("curve", of_cause), gained("covariate:curvature_per_m", 10.0)
     chosen = choose([column, cause], gained("nothing", 0.0))
     assert chosen is (cause if is_named else column)
+
+
+def a_trial(scored, gain, effect=None):
+    """A candidate refitted alone, which gains so much."""
+    loss = 100.0 - gain
+    return Trial(scored, Bare(loss=loss, effects=(effect or scored.start,)), loss)
+
+
+@pytest.mark.parametrize(
+    ("of_cause", "column", "is_named"),
+    [
+        (9.0, "run_time_s", False),  # surely behind a line, which is as plain
+        (9.6, "run_time_s", True),  # by less than two errors
+        (9.0, "curvature_per_m", True),  # a line over its own column says no more than the cause
+    ],
+)
+def test_a_line_over_another_column_need_not_be_ahead_by_much(
+    of_cause, column, is_named, monkeypatch
+):
+    monkeypatch.setattr(
+        trials, "gain", lambda less, more: Gain(less.loss - more.loss, 0.25, freedom=np.inf)
+    )
+    cause = a_trial(score("curve"), of_cause)
+    line = a_trial(score(f"covariate:{column}", column=column), 10.0)
+    chosen = choose([line, cause], a_trial(score("nothing"), 0.0))
+    assert chosen is (cause if is_named else line)
+
+
+@pytest.mark.parametrize(("k", "is_named"), [(0.1, True), (0.0, True), (-0.1, False)])
+def test_a_cause_of_a_sign_that_it_cannot_have_is_not_chosen_beside_a_column(
+    k, is_named, monkeypatch
+):
+    monkeypatch.setattr(
+        trials, "gain", lambda less, more: Gain(less.loss - more.loss, 0.25, freedom=np.inf)
+    )
+    cause = a_trial(score("curve"), 12.0, EFFECTS["curve"](k=k))
+    column, nothing = a_trial(score("covariate:wear", column="wear"), 10.0), score("nothing")
+    assert choose([column, cause], a_trial(nothing, 0.0)) is (cause if is_named else column)
+    # Where there is no column it is the best that there is, and its name is vetoed.
+    assert choose([cause], a_trial(nothing, 0.0)) is cause
 
 
 def test_the_shortlist_is_of_what_gains_most_and_none_where_nothing_is_significant():

@@ -106,10 +106,12 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
         return column
     cause = min(causes, key=lambda trial: trial.loss)
     much = rules.CAUSE_SHARE_OF_GAIN * (now.loss - column.loss)
-    entry, rests_on = column.score.entry, {*cause.score.entry.covariates}
-    line = isinstance(column.score.start, Covariate) and not rests_on & {*entry.covariates}
-    share = 0.0 if line else rules.COLUMN_SHARE_OF_GAIN
-    fits = now.loss - cause.loss > much and not clearly_ahead(cause, column, now, share)
+    rests_on = {*cause.score.entry.covariates}
+    lines = (one for one in columns if isinstance(one.score.start, Covariate))
+    others = (line for line in lines if not rests_on & {*line.score.entry.covariates})
+    behind = clearly_ahead(cause, column, now)
+    behind = behind or any(clearly_ahead(cause, line, now, share=0.0) for line in others)
+    fits = now.loss - cause.loss > much and not behind
     return cause if fits else column
 
 
