@@ -205,11 +205,12 @@ def _settled(
 
 
 def _complete(noise: RunNoise) -> RunNoise:
-    """InputError for a slow level of which it is not known how slow it is."""
-    if noise.slow_level and not noise.slow_rows:
+    """InputError for a slow level of which either its size or how slow it is is not known."""
+    if bool(noise.slow_level) != bool(noise.slow_rows):
+        there, other = ["slow_level", "slow_rows"][:: 1 if noise.slow_level else -1]
         raise InputError(
-            "slow_level is stated without slow_rows, the number of samples after which the "
-            "correlation of the slow level has fallen to 1/e; state both."
+            f"{there} is stated without {other}; a slow level has a size, slow_level, and a number "
+            "of samples after which its correlation has fallen to 1/e, slow_rows: state both."
         )
     return noise
 

@@ -53,6 +53,10 @@ class RailProcess(eqx.Module):
         return jax.vmap(push)(jnp.eye(len(curve.free))), by_slip
 
 
+#: Samples of a wave, where nothing else is said.
+_PERIOD = 500.0
+
+
 class Change(eqx.Module):
     """What becomes of a rail in a run, at a constant initial slope or of the curve as a whole.
 
@@ -66,17 +70,21 @@ class Change(eqx.Module):
     shift: Shift = eqx.field(default=0.0, static=True)
     recovery: Recovery = eqx.field(default=0.0, static=True)
     wave: WaveHeight = eqx.field(default=0.0, static=True)
-    period: Period = eqx.field(default=500.0, static=True)
+    period: Period = eqx.field(default=_PERIOD, static=True)
 
     def course(self, points: int) -> tuple[np.ndarray, np.ndarray]:
         """The height of the peak and its slip over those of the rail before, at each sample.
 
-        InputError where no adhesion is left, or nothing is lost that could recover.
+        InputError where no adhesion is left, or an option is of what there is not.
         """
         if self.recovery and not self.fall:
             raise InputError(
                 f"--recovery {self.recovery:g} is the time in which a loss of adhesion goes back, "
                 "and nothing is lost; give --fall too."
+            )
+        if self.period != _PERIOD and not self.wave:
+            raise InputError(
+                f"--period {self.period:g} is that of the wave, and there is none; give --wave too."
             )
         sample, last = np.arange(points), points - 1
         lost = self.fall * sample / last

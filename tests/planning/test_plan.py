@@ -274,6 +274,7 @@ def test_a_law_with_effects_is_planned_at_its_conditions():
         ("dry", {"autocorrelation": 1.0}, "autocorrelation is a number from 0 to 1, not 1"),
         ("dry", {"run_scatter": np.nan}, "run_scatter is a number"),
         ("dry", {"slow_level": 0.03}, "slow_level is stated without slow_rows"),
+        ("dry", {"slow_rows": 100.0}, "slow_rows is stated without slow_level"),
         ("dry", {"samples": [5, 20]}, "two or more from 10 to"),
         ("dry", {"samples": [100]}, "two or more from 10 to"),
         ("dry", {"largest_slips": [0.1, 1.5]}, "between 0 and 1, where the peak is searched"),

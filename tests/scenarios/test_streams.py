@@ -74,6 +74,8 @@ def test_a_rail_keeps_some_adhesion():
         build("stream", Options(fall=0.9, wave=0.5))
     with pytest.raises(InputError, match=r"--recovery 50 is .* nothing is lost; give --fall too"):
         Change(recovery=50.0).course(200)
+    with pytest.raises(InputError, match=r"--period 80 is that of the wave, .* give --wave too"):
+        Change(fall=0.2, period=80.0).course(200)
     with pytest.raises(InputError, match="must stay above 0"):
         Change(fall=0.9, wave=0.5, recovery=900.0, period=1000.0).course(1000)
 
