@@ -63,6 +63,24 @@ def test_what_stretches_the_slip_scale_is_shown_where_it_changes_adhesion_most()
     assert abs(expected - 1) > 0.1
 
 
+def test_the_band_of_a_line_is_that_of_its_slope():
+    draw = np.random.default_rng(3)
+    table = campaign(draw)
+    load = table["load"].to_numpy()
+    table["adhesion"] = np.exp(0.05 * (load - 9.0)) * curve(table["slip_ratio"]) + noise(draw)
+    part = Covariate(0.0, 9.0, 1.0, column="load")
+    effect = Accepted(
+        "covariate:load", ("covariate:load",), "load", True, ("load",), (part,), 0.0005, 90.0
+    )
+    state = state_of(table, effect)
+    (shown,) = dependences(state, seed=0)
+    (told,) = found_effects(state, errors(np.ones(9), np.ones(9), np.ones(9), 0))
+    slope, away = told.parameters["k"], shown.values - 9.0
+    ends = np.sort([slope.low * away, slope.high * away], axis=0)
+    np.testing.assert_allclose(np.log([shown.low, shown.high]), ends, atol=1e-6)
+    assert 0.005 < slope.high - slope.low < 0.05
+
+
 def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():
     """Sand that takes 3 s to arrive was on for 2 s at a time, and wets the rail at once."""
     draw = np.random.default_rng(4)

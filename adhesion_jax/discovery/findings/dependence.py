@@ -1,13 +1,20 @@
 """Partial dependence of adhesion on a column, by an effect or by the curve, with a 95 % band."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.data.columns import COLUMNS
-from adhesion_jax.discovery.model.fitting import changes_of, covariance, nearly_fitted, size_of
+from adhesion_jax.discovery.model.fitting import (
+    changes_of,
+    covariance,
+    nearly_fitted,
+    quantile,
+    size_of,
+)
 from adhesion_jax.discovery.model.packing import Model, pack
 from adhesion_jax.discovery.model.problem import Data, Problem, label_of
 from adhesion_jax.discovery.search.state import Accepted, Selection, slots_of
@@ -31,8 +38,14 @@ _SLIPS = 17
 #: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
+#: Steps of the parameters by which a factor is differentiated, in standard errors.
+_STEP = 1e-5
+
+#: Largest half width of the band of the logarithm of a factor.
+_WIDEST = 14.0
+
 #: Number of draws of the parameters for a band.
-_DRAWS = 64
+_DRAWS = 200
 
 #: Conditions that are functions of a measured column of another name.
 _FUNCTIONS = {"temperature_C", "lateral_measure"}
@@ -52,9 +65,9 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
     needed = [name for name in BASES[state.base].NEEDS if name in flat]
     if not state.accepted and not needed and state.setting.problem.branches == 1:
         return ()
-    draws = _draws(state, seed)
-    found = [_of_curve(state, column, draws) for column in needed]
-    found += _of_braking(state, draws)
+    spread = _spread(state, seed)
+    found = [_of_curve(state, column, spread.drawn) for column in needed]
+    found += _of_braking(state, spread.drawn)
     slots = slots_of(state.accepted)
     for number, effect in enumerate(state.accepted):
         parts = [slot for slot, place in enumerate(slots) if place[0] == number]
@@ -62,14 +75,14 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
         if in_time:
             if state.setting.problem.points.shape[1] >= _FEWEST_POINTS:
                 driver = in_time[0].FACTS.driven_by
-                found.append(_after_step(state, effect.name, driver, parts, draws))
+                found.append(_after_step(state, effect.name, driver, parts, spread))
             continue
         calendar = state.setting.problem.calendar.column
         rests_on = [calendar if name in _TIMES else name for name in effect.covariates]
         columns = [name for name in rests_on if name in flat and name != "slip_ratio"]
         for column in columns or ["slip_ratio"]:
             if column in flat:
-                found.append(_over(state, effect, column, parts, draws))
+                found.append(_over(state, effect, column, parts, spread))
     return tuple(found)
 
 
@@ -79,25 +92,34 @@ def _model(state: Selection) -> Model:
     return pack(state.setting.problem, fitted.base, values, fitted.effects, size)
 
 
-def _draws(state: Selection, seed: int) -> np.ndarray:
-    """Parameters of the whole model, [draws, flat]: first the fitted ones, then drawn ones.
+#: A factor over a grid, and the ends of its band.
+_Banded = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-    They stay in the ranges in which they are fitted.
-    """
+
+class _Spread(NamedTuple):
+    """Parameters of the whole model in which a dependence is computed for its band."""
+
+    drawn: np.ndarray  # [1 + draws, flat]: as fitted, then drawn in the ranges of the fit
+    #: [1 + free, flat]: as fitted, then a small step away along a direction of their covariance.
+    near: np.ndarray
+    quantile: float  # of the 95 % intervals of the parameters
+
+
+def _spread(state: Selection, seed: int) -> _Spread:
     fitted, model = state.fitted, _model(state)
-    free = len(fitted.places)
-    matrix = covariance(fitted)
-    values, vectors = np.linalg.eigh(matrix)
+    free, places = len(fitted.places), list(fitted.places)
+    values, vectors = np.linalg.eigh(covariance(fitted))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS - 1, matrix.shape[0]))
-    drawn = np.tile(fitted.values, (_DRAWS, 1))
-    moved = drawn[1:, list(fitted.places)] + noise @ root.T
-    drawn[1:, list(fitted.places)] = np.clip(moved, model.lower[:free], model.upper[:free])
-    return drawn
+    noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS, free))
+    drawn, near = (np.tile(fitted.values, (1 + count, 1)) for count in (_DRAWS, free))
+    moved = drawn[1:, places] + noise @ root.T
+    drawn[1:, places] = np.clip(moved, model.lower[:free], model.upper[:free])
+    near[1:, places] += _STEP * root.T
+    return _Spread(drawn, near, quantile(fitted))
 
 
 def _over(
-    state: Selection, effect: Accepted, column: str, parts: Sequence[int], draws: np.ndarray
+    state: Selection, effect: Accepted, column: str, parts: Sequence[int], spread: _Spread
 ) -> Dependence:
     """The dependence on a column, the others at their medians unless they are functions of it.
 
@@ -132,14 +154,14 @@ def _over(
 
         def change(slip: float) -> float:
             columns = {**moved, "slip_ratio": np.full(shape, slip)}
-            return float(np.ptp(_adhesion(state, parts, draws[:1], columns)))
+            return float(np.ptp(_adhesion(state, parts, spread.near[:1], columns)))
 
         slip = max(_slips(problem), key=change)
         moved["slip_ratio"] = np.full(shape, slip)
-    factors = _factors(state, parts, draws, moved)
-    factors = (factors[:, :, 0] if steady else factors.reshape(_DRAWS, -1))[:, : grid.size]
+    factors = _factors(state, parts, spread.near, moved)
+    factors = (factors[:, :, 0] if steady else factors.reshape(len(factors), -1))[:, : grid.size]
     names = tuple(problem.name_of(column, label) for label in labels)
-    shown = _banded(effect.name, column, unit_of(column), grid, factors)
+    shown = Dependence(effect.name, column, unit_of(column), grid, *_of_steps(factors, spread))
     return shown._replace(labels=names, at_slip=slip)
 
 
@@ -164,7 +186,8 @@ def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
         return _ratio(adhesion, adhesion[:, :1])
 
     slip = max(_slips(problem), key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
-    shown = _banded(state.base, column, unit_of(column), grid, factors(slip, draws))
+    banded = _of_draws(factors(slip, draws))
+    shown = Dependence(state.base, column, unit_of(column), grid, *banded)
     return shown._replace(at_slip=slip)
 
 
@@ -189,19 +212,19 @@ def _of_braking(state: Selection, draws: np.ndarray) -> list[Dependence]:
     grid = reach * np.arange(1, count + 1) / count
     traction, braking = (
         _adhesion(state, (), draws, {"slip_ratio": np.resize(side * grid, shape)}).reshape(
-            _DRAWS, -1
+            len(draws), -1
         )[:, :count]
         for side in (1.0, -1.0)
     )
     factors = _ratio(-braking, traction)
     spread = np.maximum(factors[1:].std(axis=0), 1e-12)
     surest = int(np.argmax(np.abs(factors[0] - 1) / spread))
-    shown = _banded(BRAKING, "slip_ratio", "1", grid, factors)
+    shown = Dependence(BRAKING, "slip_ratio", "1", grid, *_of_draws(factors))
     return [shown._replace(at_slip=float(grid[surest]), told=surest)]
 
 
 def _after_step(
-    state: Selection, name: str, driver: str, parts: Sequence[int], draws: np.ndarray
+    state: Selection, name: str, driver: str, parts: Sequence[int], spread: _Spread
 ) -> Dependence:
     """The dependence on time after the slip steps from a fifth of its median to its median.
 
@@ -215,8 +238,8 @@ def _after_step(
         "slip_ratio": np.tile(np.where(grid > 0, slip, 0.2 * slip), (shape[0], 1)),
     }
     columns.setdefault(driver, np.tile(np.where(grid > 0, 1.0, 0.0), (shape[0], 1)))
-    factors = _factors(state, parts, draws, columns)[:, 0]
-    return _banded(name, f"time since a step of {driver}", "s", grid, factors)
+    banded = _of_steps(_factors(state, parts, spread.near, columns)[:, 0], spread)
+    return Dependence(name, f"time since a step of {driver}", "s", grid, *banded)
 
 
 def _longest(problem: Problem, driver: str) -> float:
@@ -233,30 +256,30 @@ def _longest(problem: Problem, driver: str) -> float:
 def _factors(
     state: Selection,
     parts: Sequence[int],
-    draws: np.ndarray,
+    parameters: np.ndarray,
     columns: Mapping[str, np.ndarray],
 ) -> np.ndarray:
-    """Adhesion with the parts over adhesion without any effect, [draws, runs, points]."""
-    return _ratio(*(_adhesion(state, some, draws, columns) for some in (parts, ())))
+    """Adhesion with the parts over adhesion without any effect, [rows, runs, points]."""
+    return _ratio(*(_adhesion(state, some, parameters, columns) for some in (parts, ())))
 
 
 def _adhesion(
     state: Selection,
     parts: Sequence[int],
-    draws: np.ndarray,
+    parameters: np.ndarray,
     columns: Mapping[str, np.ndarray],
 ) -> np.ndarray:
-    """Adhesion with those parts alone, of each draw of the parameters, [draws, runs, points]."""
+    """Adhesion with those parts alone, of each row of parameters, [rows, runs, points]."""
     data, model = _at(state, columns), _model(state)
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]
-    models = [model._replace(values=values, kind=kind) for values in draws]
+    models = [model._replace(values=values, kind=kind) for values in parameters]
     return np.asarray(changes_of(models, data, np.zeros(data.slip.shape)))
 
 
 def _ratio(adhesion: np.ndarray, other: np.ndarray) -> np.ndarray:
     """One adhesion over another, of a limited size."""
-    # Parameters that the data do not determine may be drawn so far out that a factor overflows.
+    # Parameters that the data do not determine may be so far out that a factor overflows.
     with np.errstate(invalid="ignore", over="ignore"):
         factors = adhesion / np.where(other == 0, 1.0, other)
     return np.clip(np.where(np.isfinite(factors), factors, _LARGEST), -_LARGEST, _LARGEST)
@@ -295,6 +318,24 @@ def unit_of(column: str) -> str:
     )
 
 
-def _banded(name: str, column: str, unit: str, grid: np.ndarray, factors: np.ndarray) -> Dependence:
+def _of_draws(factors: np.ndarray) -> _Banded:
+    """The factor as fitted, the first row, and the ends of its band by those drawn."""
     low, high = np.nanquantile(factors[1:], [0.025, 0.975], axis=0)
-    return Dependence(name, column, unit, grid, factors[0], low, high)
+    return factors[0], low, high
+
+
+def _of_steps(factors: np.ndarray, spread: _Spread) -> _Banded:
+    """The factor as fitted, and the ends of its band by those of small steps (delta method).
+
+    The logarithm of the factor is taken to be linear in the parameters. Those of several parts of
+    an effect may be far less certain than what the parts do together: drawn values of them would
+    not cancel as those of the fit do.
+    """
+    factor = factors[0]
+    slopes = (factors[1:] - factor) / (_STEP * np.where(factor == 0, 1.0, factor))
+    wide = np.exp(np.minimum(spread.quantile * np.sqrt((slopes**2).sum(axis=0)), _WIDEST))
+    return (
+        factor,
+        np.minimum(factor / wide, factor * wide),
+        np.maximum(factor / wide, factor * wide),
+    )
