@@ -44,6 +44,7 @@ def test_the_slip_and_the_time_are_not_proposed_to_vary():
         "warmth": ("temperature_C",),
         "both": ("relative_humidity_pct", "temperature_C", "time_s"),
         "power": ("slip_velocity_mps", "slip_ratio"),
+        "wear": ("run_time_s",),
     }
     found = proposed(("slip_ratio", "time_s"), rivals)
     measured = {name: words.partition(" These data")[0] for name, words in found.items()}
@@ -54,6 +55,7 @@ def test_the_slip_and_the_time_are_not_proposed_to_vary():
         "both": "Measure as many runs in which relative_humidity_pct and temperature_C vary over "
         "their whole ranges at every slip, early and late.",
         "power": STEPS,
+        "wear": STEPS,
     }
     (words,) = proposed(("normal_load_N", "time_s"), {"warmth": ("temperature_C",)}).values()
     assert words.startswith(

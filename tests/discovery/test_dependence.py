@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import alone, campaign, curve, noise, state_of
 
-from adhesion_jax.discovery.findings.dependence import dependences
+from adhesion_jax.discovery.findings.dependence import dependences, unit_of
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.search.state import Accepted, Selection
@@ -106,6 +106,18 @@ def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():
     assert 1.7 < shown.values[-1] <= 2.0
     last = (1 + 1.2 * (1 - np.exp(-shown.values[-1] / 3.0))) * np.exp(-0.2)
     assert shown.factor[-1] / shown.factor[0] == pytest.approx(last, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("run_time_s", "s"),
+        ("normal_load_N", "N"),
+        ("wind_mps", "unit of the column"),
+    ],
+)
+def test_the_unit_of_a_column(column, unit):
+    assert unit_of(column) == unit
 
 
 @pytest.mark.parametrize("time_s", ["goes on", "starts anew", "is not there"])

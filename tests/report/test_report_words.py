@@ -23,6 +23,7 @@ NAN = float("nan")
         ("humidity", "humidity"),
         ("slip_bias", "a bias of the slip"),
         ("covariate:wind_mps", "a dependence on wind_mps"),
+        ("covariate:run_time_s", "a dependence on the time since the run began"),
         ("periodic:position_m", "a wave along position_m"),
         ("product:a:b", "a joint dependence on a:b"),
         ("new_kind:{}", "new kind of {}"),
@@ -40,6 +41,7 @@ def test_names_in_words(name, words):
         ("curvature_per_m", "curvature (1/m)"),
         ("normal_load_N", "normal load (N)"),
         ("run_order", "order of the runs (1)"),
+        ("run_time_s", "time since the run began (s)"),
         ("wind_mps", "wind_mps"),
     ],
 )
