@@ -88,6 +88,13 @@ Values = TypeVar("Values", float, np.ndarray)
 _UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 
 
+def unit_of(column: str) -> str:
+    """The unit of a known column, or of the time since a run began; else words for an unknown."""
+    if column in COLUMNS:
+        return COLUMNS[column].unit
+    return "s" if column == "run_time_s" else "unit of the column"
+
+
 def _spelled(kind: str) -> dict[str, str]:
     """Spellings of units to the form that pint knows."""
     return {one: unit for unit, spellings in _UNITS[kind].items() for one in spellings}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from discovery_campaigns import alone, campaign, curve, noise, state_of
 
-from adhesion_jax.discovery.findings.dependence import dependences, unit_of
+from adhesion_jax.data.columns import unit_of
+from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.search.state import Accepted, Selection

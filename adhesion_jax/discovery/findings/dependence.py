@@ -7,7 +7,7 @@ import numpy as np
 
 from adhesion_jax.curves import BASES
 from adhesion_jax.curves.bent import BELOW_EFFECTS
-from adhesion_jax.data.columns import COLUMNS
+from adhesion_jax.data.columns import unit_of
 from adhesion_jax.discovery.model.fitting import (
     changes_of,
     covariance,
@@ -308,14 +308,6 @@ def _at(state: Selection, columns: Mapping[str, np.ndarray]) -> Data:
     ]
     stacked += [np.ones(problem.points.shape)] * (len(problem.data.columns) - len(stacked))
     return Data(slip, problem.data.adhesion, problem.data.span, conditions, np.stack(stacked))
-
-
-def unit_of(column: str) -> str:
-    """The unit of a column, as far as it is known."""
-    worked_out = {"run_time_s": "s"}
-    return (
-        COLUMNS[column].unit if column in COLUMNS else worked_out.get(column, "unit of the column")
-    )
 
 
 def _of_draws(factors: np.ndarray) -> _Banded:

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from adhesion_jax.discovery.findings.dependence import unit_of
+from adhesion_jax.data.columns import unit_of
 from adhesion_jax.discovery.model.course import Course, size_in_words
 from adhesion_jax.discovery.model.fitting import (
     Fitted,

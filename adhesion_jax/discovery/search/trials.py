@@ -109,8 +109,7 @@ def choose(trials: Sequence[Trial], now: Trial) -> Trial:
     rests_on = {*cause.score.entry.covariates}
     lines = (one for one in columns if isinstance(one.score.start, Covariate))
     others = (line for line in lines if not rests_on & {*line.score.entry.covariates})
-    behind = clearly_ahead(cause, column, now)
-    behind = behind or any(clearly_ahead(cause, line, now, share=0.0) for line in others)
+    behind = clearly_ahead(cause, column, now) or any(_surely_ahead(cause, one) for one in others)
     fits = now.loss - cause.loss > much and not behind
     return cause if fits else column
 
@@ -133,16 +132,16 @@ def _best_column(columns: Sequence[Trial], now: Trial) -> Trial:
     return best if clearly_ahead(one, best, now) else one
 
 
-def clearly_ahead(
-    plainer: Trial, other: Trial, now: Trial, share: float = rules.COLUMN_SHARE_OF_GAIN
-) -> bool:
-    """Whether a candidate gains so much more than a plainer one that it is preferred.
-
-    It is surely ahead, and by more than a share of its own gain.
-    """
+def clearly_ahead(plainer: Trial, other: Trial, now: Trial) -> bool:
+    """Whether a candidate gains so much more than a plainer one that it is preferred."""
     ahead = gain(plainer.fitted, other.fitted)
-    much = ahead.total > share * (now.loss - other.loss)
+    much = ahead.total > rules.COLUMN_SHARE_OF_GAIN * (now.loss - other.loss)
     return much and ahead.deviate > rules.AHEAD_ERRORS
+
+
+def _surely_ahead(plainer: Trial, other: Trial) -> bool:
+    """Whether a candidate gains more than another one, however little."""
+    return gain(plainer.fitted, other.fitted).deviate > rules.AHEAD_ERRORS
 
 
 def class_of(scores: Sequence[Score], chosen: Score) -> tuple[str, ...]:
