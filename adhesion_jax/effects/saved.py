@@ -20,13 +20,14 @@ from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
 
 #: Format number of the files of a discovery; a file without one is of format 1.
-FORMAT = 4
+FORMAT = 5
 
 #: The first format with the present formula of each effect that has changed, or with its place
 #: among others: saved values of an earlier one would give other adhesions.
 _CHANGED = dict.fromkeys(("covariate", "product"), 2)
-_CHANGED |= dict.fromkeys(("spline", "interaction", "surface"), 3)
+_CHANGED |= dict.fromkeys(("spline", "surface"), 3)
 _CHANGED |= dict.fromkeys(("contact_heating", "cleaning", "torque_offset"), 4)
+_CHANGED |= {"interaction": 5}
 
 #: The calendar of a law that does not know of time.
 NO_TIME = Calendar("run_order", 0.0, 1.0)

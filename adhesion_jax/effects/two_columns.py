@@ -19,10 +19,10 @@ SCALES: Mapping[str, tuple[str, float, float, str]] = {
 REFERENCES: Mapping[str, str] = {name: name.split("_")[0] for name in SCALES}
 
 
-def legendre(column: Values | float, mean: Scalar, spread: Scalar) -> tuple[Values, Values]:
-    """P_1(u) and P_2(u), u from -1 to 1 by the share of the data below the column."""
+def legendre(column: Values | float, mean: Scalar, spread: Scalar) -> tuple[Values, Values, Values]:
+    """P_1(u), P_2(u) and P_3(u), u from -1 to 1 by the share of the data below the column."""
     place = 2 * share_below(column, mean, spread) - 1
-    return place, 1.5 * place**2 - 0.5
+    return place, 1.5 * place**2 - 0.5, (2.5 * place**2 - 1.5) * place
 
 
 def pairs(columns: Columns) -> list[tuple[float, float, float, float, str, str]]:
@@ -31,11 +31,15 @@ def pairs(columns: Columns) -> list[tuple[float, float, float, float, str, str]]
     return [(*scales[one], *scales[other], one, other) for one, other in combinations(scales, 2)]
 
 
-def at_corners(*degrees: tuple[int, int]) -> np.ndarray:
-    """P_i(u) P_j(v) for each pair of degrees at u, v = -1, 0, 1, [nine, degrees]."""
-    u, v = (side.ravel() for side in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]))
-    values = [(np.ones_like(place), place, 1.5 * place**2 - 0.5) for place in (u, v)]
-    return np.stack([values[0][i] * values[1][j] for i, j in degrees], axis=1)
+def on_grid(*degrees: tuple[int, int]) -> np.ndarray:
+    """P_i(u) P_j(v) for each pair of degrees, where u and v are evenly spaced from -1 to 1.
+
+    Returns [places, degrees], with as many places a side as tell polynomials of the largest degree.
+    """
+    count = 1 + max(max(pair) for pair in degrees)
+    side = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, count), count - 1)
+    values = side[:, None, :, None] * side[None, :, None, :]
+    return np.stack([values[:, :, i, j].ravel() for i, j in degrees], axis=1)
 
 
 class Product(ShapeTerm):
@@ -74,7 +78,7 @@ class Product(ShapeTerm):
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return 1.5**2 * at_corners((1, 1))
+        return 1.5**2 * on_grid((1, 1))
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:
@@ -86,16 +90,25 @@ class Product(ShapeTerm):
         ]
 
 
+#: Degrees of the polynomials in u and in v that two columns share.
+_MIXED = tuple((i, j) for i in (1, 2, 3) for j in (1, 2, 3))
+
+
 class Interaction(ShapeTerm):
-    """g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials.
+    """g = sum over i, j = 1, 2, 3 of k_ij P_i(u) P_j(v), P the Legendre polynomials.
 
     u and v are the columns on -1 to 1 by the share of the data below them.
     """
 
     k11: Scalar
     k12: Scalar
+    k13: Scalar
     k21: Scalar
     k22: Scalar
+    k23: Scalar
+    k31: Scalar
+    k32: Scalar
+    k33: Scalar
     first_mean: Scalar
     first_spread: Scalar
     second_mean: Scalar
@@ -104,33 +117,29 @@ class Interaction(ShapeTerm):
     second: str = eqx.field(static=True)
 
     FACTS = Form(
-        source="mixed terms of any smooth dependence up to the second degree in each column",
+        source="mixed terms of any smooth dependence up to the third degree in each column",
         described={
-            **{
-                f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}")
-                for i in (1, 2)
-                for j in (1, 2)
-            },
+            **{f"k{i}{j}": ("1", -9.0, 9.0, f"weight of degrees {i} and {j}") for i, j in _MIXED},
             **SCALES,
         },
-        strengths=("k11", "k12", "k21", "k22"),
+        strengths=tuple(f"k{i}{j}" for i, j in _MIXED),
         references=REFERENCES,
-        formula="g = sum over i, j = 1, 2 of k_ij P_i(u) P_j(v), P the Legendre polynomials",
+        formula="g = sum over i, j = 1, 2, 3 of k_ij P_i(u) P_j(v), P the Legendre polynomials",
         phrase="a joint dependence on {}",
     )
 
     def log_factor(self, conditions: Conditions) -> Values:
-        u, u2 = legendre(conditions[self.first], self.first_mean, self.first_spread)
-        v, v2 = legendre(conditions[self.second], self.second_mean, self.second_spread)
-        return u * (self.k11 * v + self.k12 * v2) + u2 * (self.k21 * v + self.k22 * v2)
+        u = legendre(conditions[self.first], self.first_mean, self.first_spread)
+        v = legendre(conditions[self.second], self.second_mean, self.second_spread)
+        return sum(getattr(self, f"k{i}{j}") * u[i - 1] * v[j - 1] for i, j in _MIXED)
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return at_corners((1, 1), (1, 2), (2, 1), (2, 2))
+        return on_grid(*_MIXED)
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:
-        return [cls(0.02, 0.0, 0.0, 0.0, *pair) for pair in pairs(columns)]
+        return [cls(*[0.02] * len(_MIXED), *pair) for pair in pairs(columns)]
 
 
 #: Degrees of the polynomials in u and in v.
@@ -169,13 +178,13 @@ class Surface(ShapeTerm):
     )
 
     def log_factor(self, conditions: Conditions) -> Values:
-        u, u2 = legendre(conditions[self.first], self.first_mean, self.first_spread)
-        v, v2 = legendre(conditions[self.second], self.second_mean, self.second_spread)
+        u, u2, _ = legendre(conditions[self.first], self.first_mean, self.first_spread)
+        v, v2, _ = legendre(conditions[self.second], self.second_mean, self.second_spread)
         return self.k10 * u + self.k01 * v + self.k20 * u2 + self.k11 * u * v + self.k02 * v2
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return at_corners(*_DEGREES)
+        return on_grid(*_DEGREES)
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:

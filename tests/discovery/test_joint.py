@@ -4,13 +4,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from discovery_campaigns import SIZE, state_of
+from numpy.polynomial.legendre import legval
 from scipy import stats
 
 from adhesion_jax.discovery.search.catalogue import column_entries, library_of
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.screening import screen
-from adhesion_jax.discovery.search.selection import _next, search
-from adhesion_jax.effects import Covariate, Surface
+from adhesion_jax.discovery.search.selection import _next, _pairs, search
+from adhesion_jax.discovery.search.state import as_effect
+from adhesion_jax.effects import Covariate, Interaction, Surface
+from adhesion_jax.effects.shape import ACTS_ON
 from experiments.campaigns.simulator import simulate
 
 
@@ -72,6 +75,41 @@ def test_what_an_accepted_column_does_with_another_one_is_found_beside_it(null):
     assert alone.covariates == ("x",)
     assert {*both.covariates} == {"x", "rail_age_days"}
     assert float(both.parts[0].k11) == pytest.approx(0.08, rel=0.15)
+
+
+@pytest.mark.long
+def test_what_two_accepted_columns_do_together_is_found_whatever_its_degrees(null):
+    """Of the mixed term of a surface, P_1(u) P_1(v), there is nothing in it."""
+    u, v = shares(null["position_m"]), shares(null["relative_humidity_pct"])
+    acting = 0.2 * u + 0.2 * v + 0.15 * legval(u, [0, 0, 1]) * legval(v, [0, 0, 0, 1])
+    found = searched(null.assign(adhesion=null["adhesion"] * np.exp(acting)))
+    *alone, both = found.accepted
+    assert {effect.covariates for effect in alone} == {("position_m",), ("relative_humidity_pct",)}
+    (mixed,) = both.parts
+    assert isinstance(mixed, Interaction)
+    assert (mixed.first, mixed.second) == ("position_m", "relative_humidity_pct")
+    assert float(mixed.k23) == pytest.approx(0.15, rel=0.15)
+
+
+def test_mixed_terms_are_of_pairs_with_a_column_that_an_effect_rests_on(null):
+    """They are open for a pair that is but a member of a class, and not for one that is named."""
+    state = state_of(null)
+    columns = ["position_m", "rail_age_days", "temperature_C"]
+    assert not [one for one in _pairs(state, columns) if isinstance(one.starts[0], Interaction)]
+    pair = "product:position_m*rail_age_days"
+    for own, name, members, expected in (
+        (("position_m",), "covariate:position_m", (pair,), {pair, "product:position_m*temperature_C"}),
+        (("rail_age_days", "position_m"), pair, (), {"product:position_m*temperature_C",
+                                                     "product:rail_age_days*temperature_C"}),
+    ):  # fmt: skip
+        (line,) = column_entries(Covariate, "position_m", state.setting.problem)[:1]
+        one = as_effect(line, (name, *members), line.starts[0], 0.001, 9.0)
+        accepted = (one._replace(name=name, covariates=own),)
+        entries = _pairs(state._replace(accepted=accepted), columns)
+        mixed = [entry for entry in entries if isinstance(entry.starts[0], Interaction)]
+        assert {entry.name for entry in mixed} == expected
+        assert {entry.acts_on for entry in mixed} == {*ACTS_ON}
+        assert pair not in {entry.name for entry in entries if entry not in mixed}
 
 
 def test_of_two_causes_the_larger_one_does_not_displace_the_other_if_its_p_is_too_large(null):

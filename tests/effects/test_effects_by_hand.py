@@ -312,12 +312,12 @@ def test_a_threshold_is_a_step_about_its_centre():
 
 
 def test_an_interaction_is_of_legendre_polynomials_on_the_shares_below():
-    numbers = (0.1, -0.2, 0.3, 0.05)
+    numbers = (0.1, -0.2, 0.3, 0.05, 0.15, -0.1, 0.25, -0.3, 0.2)
     effect = KINDS["interaction"](*numbers, 2.0, 6.0, 1.0, 9.0, "wear", "gap")
     wear, gap = np.array([2.0, 3.0, 4.0, 6.0, 5.0]), np.array([-1.0, 6.5, 4.0, 9.0, 40.0])
     u, v = 2 * share_below(wear, 2.0, 6.0) - 1, 2 * share_below(gap, 1.0, 9.0) - 1
-    weights = np.zeros((3, 3))
-    weights[1:, 1:] = np.reshape(numbers, (2, 2))
+    weights = np.zeros((4, 4))
+    weights[1:, 1:] = np.reshape(numbers, (3, 3))
     expected = np.polynomial.legendre.legval2d(u, v, weights)
     found = factors_of(effect, {"wear": jnp.asarray(wear), "gap": jnp.asarray(gap)})
     np.testing.assert_allclose(np.log(found), expected, atol=1e-14)

@@ -28,11 +28,11 @@ def saved(folder, **changes):
     return path
 
 
-def test_a_law_is_saved_in_format_four(tmp_path):
-    assert json.loads(saved(tmp_path).read_text())["format"] == 4
+def test_a_law_is_saved_in_format_five(tmp_path):
+    assert json.loads(saved(tmp_path).read_text())["format"] == 5
 
 
-@pytest.mark.parametrize("written", [None, 1, 2, 3, 4])
+@pytest.mark.parametrize("written", [None, 1, 2, 3, 4, 5])
 def test_a_law_of_an_older_format_is_read(tmp_path, written):
     read = load_law(saved(tmp_path, format=written))
     curve, factor = (
@@ -72,6 +72,15 @@ def test_a_spline_over_the_range_of_a_column_is_refused(tmp_path):
         load_law(saved(tmp_path, format=2, effects=[{**spline, "column": "wind_mps"}]))
 
 
+def test_mixed_terms_up_to_the_second_degree_are_refused(tmp_path):
+    strengths = {f"k{i}{j}": 0.1 for i in (1, 2) for j in (1, 2)}
+    scales = dict.fromkeys(("first_mean", "first_spread", "second_mean", "second_spread"), 1.0)
+    columns = {"first": "wind_mps", "second": "relative_humidity_pct"}
+    pair = {"name": "interaction", **strengths, **scales, **columns}
+    with pytest.raises(InputError, match="a law of format 4 with interaction, which this version"):
+        load_law(saved(tmp_path, format=4, effects=[pair]))
+
+
 @pytest.mark.parametrize(
     "effect",
     [
@@ -88,11 +97,11 @@ def test_what_has_another_place_among_the_effects_now_is_refused(effect, tmp_pat
 
 
 def test_a_newer_format_is_refused(tmp_path):
-    path = saved(tmp_path, format=5)
+    path = saved(tmp_path, format=6)
     with pytest.raises(InputError) as refused:
         load_law(path)
     assert str(refused.value) == (
-        f"{path} is a law of format 5, and this version reads up to 4; use the version that "
+        f"{path} is a law of format 6, and this version reads up to 5; use the version that "
         "saved it, or a newer one."
     )
 

@@ -253,8 +253,8 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
             0.03, 4.0, 1.0, 2e4, 8.0, "normal_load_N", "temperature_C", acts_on="slip"
         ),
         KINDS["interaction"](
-            *(0.2, -0.1, 0.05, 0.1), *warm, *humid, "temperature_C", "relative_humidity_pct",
-            acts_on="fall",
+            *(0.2, -0.1, 0.05, 0.1, 0.02, -0.03, 0.1, 0.04, -0.05), *warm, *humid,
+            "temperature_C", "relative_humidity_pct", acts_on="fall",
         ),
         KINDS["surface"](
             *(0.1, -0.2, 0.05, 0.1, -0.1), *age, *warm, "rail_age_days", "temperature_C",

@@ -144,7 +144,7 @@ def test_json_is_plain_and_keeps_its_contract(written, name):
     assert json.loads((written[name] / "report.json").read_text()) == report
     keys = "format base noise_floor rmse effects unexplained doubts second_opinion warnings"
     assert list(report) == keys.split()
-    assert report["format"] == 4
+    assert report["format"] == 5
     told = ["train", "cross_validation", *(["test"] if findings.test else [])]
     assert list(report["rmse"]) == told
     assert all(list(pair) == ["before", "after"] for pair in report["rmse"].values())

@@ -116,13 +116,16 @@ def _term_entries(
 
 
 def surfaces(
-    problem: Problem, columns: Iterable[str], beside: Sequence[str] = ()
+    problem: Problem,
+    columns: Iterable[str],
+    beside: Sequence[str] = (),
+    kind: type[ShapeTerm] = Surface,
 ) -> tuple[Entry, ...]:
-    """A smooth surface over every pair of the columns, or of one of them and one of `beside`.
+    """A term of that kind over every pair of the columns, or of one of them and one of `beside`.
 
     Columns are given by their labels; unknown ones are skipped, and so are pairs of columns that
-    are nearly proportional. There is an entry for each part of the curve that the surface may act
-    on: with the slip velocity, only the level.
+    are nearly proportional. There is an entry for each part of the curve that the term may act on:
+    with the slip velocity, only the level.
     """
     places = {
         label_of(name, problem.measured): name
@@ -141,7 +144,7 @@ def surfaces(
                 continue
             pair = {name: problem.flat[name] for name in sorted((one, other))}
             name = "product:" + "*".join(label_of(one, problem.measured) for one in pair)
-            entries += _term_entries(Surface, name, pair, problem)
+            entries += _term_entries(kind, name, pair, problem)
     return tuple(entries)
 
 

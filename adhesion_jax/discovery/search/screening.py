@@ -282,7 +282,8 @@ def _variance(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[f
 def _of_runs(u: np.ndarray, products: np.ndarray, given: np.ndarray) -> tuple[float, float, float]:
     """`_variance` by runs, and the degrees of freedom of |b|^2 and of it."""
     variance, freedom = _variance(u, products, given)
-    return variance, float(u.shape[1]), freedom * np.sqrt(u.shape[1])
+    free = _free(u, products)
+    return variance, free, freedom * np.sqrt(free)
 
 
 def _of_stretches(
@@ -294,10 +295,7 @@ def _of_stretches(
     1946, Biometrics Bulletin 2, 110-114).
 
     Noise that is slower than a probe moves the directions within a stretch together, so that they
-    tell the variance no better than one of them, and smooth directions further than others: with V
-    the covariance of b, |b|^2 has (tr V)^2/tr V^2 degrees of freedom (Box 1954, Annals of
-    Mathematical Statistics 25, 290-302). Both are sums over pairs of different stretches, since one
-    stretch has one direction, whatever V is.
+    tell the variance no better than one of them.
     """
     variance, freedom = _variance(u, products, given)
     of_runs, few = _variance(
@@ -307,12 +305,23 @@ def _of_stretches(
     )
     total = max(variance, of_runs)
     share = variance / total
+    return total, _free(u, products), 1 / (share**2 / freedom + (1 - share) ** 2 / few)
+
+
+def _free(u: np.ndarray, products: np.ndarray) -> float:
+    """The degrees of freedom of |b|^2, b the sum of the scores u [clusters, directions].
+
+    Where noise moves some directions further than others, slow noise the smooth ones and noise that
+    is slower than a probe those within a cluster together, they are fewer than the directions: with
+    V the covariance of b, (tr V)^2/tr V^2 (Box 1954, Annals of Mathematical Statistics 25,
+    290-302). Both are sums over pairs of different clusters, since one has one direction, whatever
+    V is.
+    """
     left = u - products @ u.sum(axis=0)
     crossed = left @ left.T
     own = np.diag(crossed)
     square = np.sum(crossed**2) - own @ own
-    free = np.clip((own.sum() ** 2 - own @ own) / max(square, 1e-300), 1.0, u.shape[1])
-    return total, free, 1 / (share**2 / freedom + (1 - share) ** 2 / few)
+    return float(np.clip((own.sum() ** 2 - own @ own) / max(square, 1e-300), 1.0, u.shape[1]))
 
 
 def _given(basis: np.ndarray, x: np.ndarray, runs: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ from adhesion_jax.discovery.search.trials import (
     tried,
 )
 from adhesion_jax.discovery.types import Candidate, Doubt, Opinion
-from adhesion_jax.effects import Effect, in_words, kind_of
+from adhesion_jax.effects import Effect, Interaction, Surface, in_words, kind_of
 from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.wording import capital, p_is
 
@@ -92,7 +92,8 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     for column in problem.columns:
         if label_of(column, problem.measured) in names:
             forms += forms_of_column(column, problem)
-    forms += surfaces(problem, opinion.columns, (*opinion.columns, *own))
+    for kind in (Surface, Interaction):
+        forms += surfaces(problem, opinion.columns, (*opinion.columns, *own), kind)
     known = {form_of(part) for part in parts_of(state.accepted)}
     new = {form_of(entry.starts[0]): entry for entry in forms}
     tested = [entry for form, entry in new.items() if form not in known]
@@ -169,9 +170,27 @@ def _scanned(
     # What else the effect of a column rests on may show beside it alone.
     own = [name for effect in state.accepted for name in effect.covariates]
     columns = [label for label in (*own, *_columns_of(scores)) if label not in _OF_THE_SLIP]
-    pairs = _open(surfaces(state.setting.problem, columns[: rules.PAIRED_COLUMNS]), state)
+    pairs = _pairs(state, columns)
     joint = screen([(nulls, pairs)], seed) if pairs else []
     return [*sorted(lines, key=_by_p), *sorted(joint, key=_by_p)]
+
+
+def _pairs(state: Selection, columns: Sequence[str]) -> Sequence[Entry]:
+    """Surfaces over two of the first columns, and the mixed terms of those that effects rest on.
+
+    With all forms of a column given hardly more than one mixed term of a surface is left, and two
+    columns may act together without it. The mixed terms of a pair are open where it is but a member
+    of a class as well: its surface may have been like others by what one of its columns does alone.
+    """
+    problem, first = state.setting.problem, columns[: rules.PAIRED_COLUMNS]
+    own = {name for effect in state.accepted for name in effect.covariates}
+    names = {effect.name for effect in state.accepted}
+    mixed = [
+        entry
+        for entry in surfaces(problem, first, kind=Interaction)
+        if own & {*entry.covariates} and entry.name not in names
+    ]
+    return [*_open(surfaces(problem, first), state), *mixed]
 
 
 def _by_p(score: Score) -> tuple[float, float]:

@@ -22,6 +22,7 @@ from adhesion_jax.effects import (
     Cause,
     Covariate,
     Effect,
+    Interaction,
     Labels,
     Memory,
     ShapeTerm,
@@ -226,6 +227,7 @@ def ranked(
 def _label(score: Score) -> str:
     """The name of an entry with its form and the part of the curve that it acts on."""
     kinds = {Covariate: "linear", Spline: "spline", Labels: "labels", Memory: "memory"}
+    kinds[Interaction] = "mixed terms"
     said = [kinds.get(type(score.start), ""), score.entry.acts_on]
     more = ", on the ".join(word for word in said if word not in ("", "level"))
     return f"{score.entry.name} ({more})" if more else score.entry.name
