@@ -97,11 +97,11 @@ def test_mixed_terms_are_of_pairs_with_a_column_that_an_effect_rests_on(null):
     columns = ["position_m", "rail_age_days", "temperature_C"]
     assert not [one for one in _pairs(state, columns) if isinstance(one.starts[0], Interaction)]
     pair = "product:position_m*rail_age_days"
+    first, second = (f"product:{name}*temperature_C" for name in columns[:2])
     for own, name, members, expected in (
-        (("position_m",), "covariate:position_m", (pair,), {pair, "product:position_m*temperature_C"}),
-        (("rail_age_days", "position_m"), pair, (), {"product:position_m*temperature_C",
-                                                     "product:rail_age_days*temperature_C"}),
-    ):  # fmt: skip
+        (("position_m",), "covariate:position_m", (pair,), {pair, first}),
+        (("rail_age_days", "position_m"), pair, (), {first, second}),
+    ):
         (line,) = column_entries(Covariate, "position_m", state.setting.problem)[:1]
         one = as_effect(line, (name, *members), line.starts[0], 0.001, 9.0)
         accepted = (one._replace(name=name, covariates=own),)

@@ -35,6 +35,7 @@ from adhesion_jax.discovery.search.probes import (
 from adhesion_jax.discovery.search.screening import (
     FLIPS,
     _gained,
+    _of_runs,
     _variance,
     least_p,
     orthonormal,
@@ -265,6 +266,23 @@ def test_runs_alike_are_held_against_students_t():
     t = stats.ttest_ind(u[:6], u[6:])[0]
     assert (group @ e / 12**0.5) ** 2 / variance == pytest.approx(t**2)
     assert freedom == pytest.approx(10)
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1.0, 1.0, 1.0, 1.0), (5.0, 1.0, 1.0, 1.0, 1.0)])
+def test_one_p_in_a_hundred_is_a_hundredth_however_unlike_the_directions_scatter(sizes):
+    """Of 2,000 draws of 20 runs; with five degrees of freedom it would be one in 17 of the second.
+
+    A chance of one in a thousand is left to the draws.
+    """
+    draw, draws = np.random.default_rng(7), 2000
+    even, nothing = np.broadcast_to(np.eye(5) / 20, (20, 5, 5)), np.zeros((5, 20, 1))
+    small = 0
+    for _ in range(draws):
+        u = draw.normal(size=(20, 5)) * sizes / 20**0.5
+        variance, *freedom = _of_runs(u, even, nothing)
+        small += stats.f.sf(np.sum(u.sum(axis=0) ** 2) / variance, *freedom) <= 0.01
+    low, high = stats.binom.ppf([5e-4, 1 - 5e-4], draws, 0.01)
+    assert low <= small <= high
 
 
 @pytest.mark.long
