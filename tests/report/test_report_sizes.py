@@ -89,3 +89,16 @@ def test_the_maximum_stays_only_if_nothing_else_acts_on_it(part):
     scale = "stretches the slip scale: the initial slope and the place of the peak move"
     assert acts_on(humidity) == f"{scale}, the maximum stays"
     assert acts_on(humidity._replace(refined_on=("slip", part))) == scale
+
+
+def test_what_two_columns_do_together_is_told_at_the_median_of_one_of_them():
+    findings, name = unexplained(), "product:gust*hour"
+    pair = findings.unexplained[0]._replace(name=name, covariates=("gust", "hour"))
+    along = findings.dependences[0]._replace(effect=name, unit="", values=np.linspace(0, 24, 9))
+    shown = [
+        along._replace(column=column, factor=np.linspace(1.0, last, 9))
+        for column, last in (("gust", 0.95), ("hour", 0.9))
+    ]
+    words = verdict(findings._replace(unexplained=(pair,), dependences=tuple(shown)))
+    falls = "adhesion falls by 10.0 % as hour goes from 0 to 24"
+    assert f"; with gust at its median, {falls};" in words

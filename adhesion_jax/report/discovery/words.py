@@ -234,14 +234,17 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
     """Size and sign of the change of adhesion over the column that changes it most.
 
     Empty where that is below a tenth of a per cent. What acts on a part of the curve has another
-    size at every slip, and is told where it is largest.
+    size at every slip, and is told where it is largest; what two columns do together has another at
+    every value of the other column, and is told at its median.
     """
     own = [one for one in findings.dependences if one.effect == effect.name]
     most = max(own, key=lambda one: float(np.ptp(one.factor)), default=None)
     if most is None or np.ptp(most.factor) < _TRIVIAL:
         return ""
     at_slip = f"at slip {most.at_slip:.2g} " if np.isfinite(most.at_slip) else ""
-    return at_slip + (_of_labels(most) if most.labels else _over(most))
+    others = [one.column for one in own if effect.name.startswith("product:") and one is not most]
+    at_median = f"with {listed(others)} at its median, " if others else ""
+    return at_slip + at_median + (_of_labels(most) if most.labels else _over(most))
 
 
 def _of_labels(own: Dependence) -> str:
