@@ -17,10 +17,10 @@ from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.course import (
     Course,
     as_measured,
+    followed,
     noticeable,
     size_in_words,
     smoothed,
-    told,
 )
 from adhesion_jax.discovery.model.echoes import echoes
 from adhesion_jax.discovery.model.fitting import Setting, under
@@ -205,7 +205,7 @@ def _on_course(
             continue
         spread = block_means(smooth.left.spread, smooth.runs, moved)
         other = _without_effects(smooth.runs, moved, spread, (plain.base,))
-        gained = gain_of(told(other.fitted) - told(plain.fitted))
+        gained = gain_of(followed(plain.fitted, other.fitted))
         if gained.total > max(gained.error, best):
             p = min(len(_SHARES) * float(scipy.stats.norm.sf(gained.deviate)), 1.0)
             best, course, others = gained.total, smooth._replace(p=p), moved

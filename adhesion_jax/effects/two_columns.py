@@ -139,7 +139,8 @@ class Interaction(ShapeTerm):
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:
-        return [cls(*[0.02] * len(_MIXED), *pair) for pair in pairs(columns)]
+        small = 9 * (0.02,)
+        return [cls(*small, *pair) for pair in pairs(columns)]
 
 
 #: Degrees of the polynomials in u and in v.

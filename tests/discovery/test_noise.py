@@ -119,6 +119,18 @@ def spread_of(measured, table):
     return spread
 
 
+@pytest.mark.parametrize(("jumps", "least"), [(0.0005, 0.0018), (0.002, 0.006)])
+def test_noise_of_adhesion_that_grows_with_the_slip_is_no_noise_of_the_slip(jumps, least):
+    """Of a slip that truly jumps: weights by a noise of it would suit such errors better."""
+    table = drawn(4, jumps, acts=False)
+    draw, slip = np.random.default_rng(9), np.abs(table["slip_ratio"])
+    error = draw.normal(size=len(table)) * least * (1 + slip / (0.3 * slip.mean()))
+    course = course_of(table.assign(adhesion=curve(table["slip_ratio"]) + error))
+    assert course.noise.sigma == pytest.approx(jumps, rel=0.1)
+    assert course.runs is course.measured
+    assert slip_noise_found(course, NO_ERRORS) == []
+
+
 @pytest.mark.parametrize("acts", [True, False])
 def test_noise_of_the_slip_is_told_and_smoothed_where_adhesion_does_not_follow_it(acts):
     table = drawn(4, 0.002, acts)

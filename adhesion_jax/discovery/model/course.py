@@ -106,8 +106,11 @@ def noticeable(fitted: Fitted, moved: np.ndarray) -> bool:
     return bool(np.mean(change**2) > _NOTICEABLE * setting.sigma**2)
 
 
-def told(fitted: Fitted) -> np.ndarray:
-    """The log density of the adhesion of each run, but for what all models have, [runs]."""
-    root = fitted.setting.root
-    size = np.log(np.where(root > 0, root, 1.0)) - 0.5 * fitted.residual**2
-    return np.where(root > 0, size, 0.0).sum(axis=1)
+def followed(plain: Fitted, other: Fitted) -> np.ndarray:
+    """How much better adhesion follows the slip of another fit, [runs], in log likelihood.
+
+    The squared errors of both are in units of the noise of the first. A slip with less noise gives
+    points other weights, which suit noise that grows with the slip whatever the slip is: only the
+    predictions count.
+    """
+    return 0.5 * (plain.setting.root**2 * (plain.error**2 - other.error**2)).sum(axis=1)
