@@ -7,10 +7,10 @@ from scipy.signal import lfilter
 
 from adhesion_jax.discovery.model.fitting import covariance, fit_model
 from adhesion_jax.discovery.model.packing import effect_places
-from adhesion_jax.discovery.search.catalogue import library_of, surfaces
+from adhesion_jax.discovery.search.catalogue import library_of, pair_entries
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.scans import torsion, waves
-from adhesion_jax.effects import EFFECTS
+from adhesion_jax.effects import EFFECTS, Surface
 from adhesion_jax.effects.shape import ACTS_ON
 from experiments.campaigns.simulator import simulate
 
@@ -35,13 +35,13 @@ def test_the_library_is_of_all_columns_and_their_pairs(quiet):
     # A difference of braking is a part of the curve.
     assert {*EFFECTS} - names == {"axle_position", "mode_asymmetry"}
     columns = ("temperature_C", "normal_load_N", "slip_velocity_mps", "absent")
-    pairs = [(one.name, one.acts_on) for one in surfaces(problem, columns)]
+    pairs = [(one.name, one.acts_on) for one in pair_entries(Surface, problem, columns)]
     joint = "product:normal_load_N*temperature_C"
     assert [acts_on for name, acts_on in pairs if name == joint] == [*ACTS_ON]
     # With a function of the slip the curve itself is bent, however it acts.
     assert ("product:normal_load_N*slip_velocity_mps", "level") in pairs
     assert len(set(pairs)) == len(pairs) == 2 + len(ACTS_ON)
-    beside = surfaces(problem, columns[:1], columns)
+    beside = pair_entries(Surface, problem, columns[:1], columns)
     assert {one.name for one in beside} == {joint, "product:slip_velocity_mps*temperature_C"}
 
 

@@ -12,6 +12,7 @@ from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.effects import EFFECTS, KINDS, Spline
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.effects.one_column import turn_of
+from adhesion_jax.effects.two_columns import on_grid
 
 BARE = CURVES["burckhardt"]
 POINT = {
@@ -321,6 +322,18 @@ def test_an_interaction_is_of_legendre_polynomials_on_the_shares_below():
     expected = np.polynomial.legendre.legval2d(u, v, weights)
     found = factors_of(effect, {"wear": jnp.asarray(wear), "gap": jnp.asarray(gap)})
     np.testing.assert_allclose(np.log(found), expected, atol=1e-14)
+
+
+def test_the_places_of_a_prior_tell_the_polynomials_apart():
+    """P_2(-1/3) = -1/3 and P_3(-1/3) = 11/27; of the first degree the four corners are enough."""
+    found = on_grid((1, 1), (1, 2), (2, 3), (3, 3))
+    assert found.shape == (16, 4)
+    low = -1 / 3
+    expected = [low * low, low * low, low * 11 / 27, (11 / 27) ** 2]
+    np.testing.assert_allclose(found[5], expected, rtol=1e-12)
+    np.testing.assert_allclose(found[15], 1.0, rtol=1e-12)
+    assert np.linalg.matrix_rank(KINDS["interaction"].at_places()) == 9
+    assert on_grid((1, 1)).ravel().tolist() == [1.0, -1.0, -1.0, 1.0]
 
 
 def test_a_surface_is_of_legendre_polynomials_up_to_the_second_degree():

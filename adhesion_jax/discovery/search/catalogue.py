@@ -18,7 +18,6 @@ from adhesion_jax.effects import (
     Periodic,
     ShapeTerm,
     Spline,
-    Surface,
     family_of,
 )
 from adhesion_jax.effects.one_column import turn_of
@@ -115,11 +114,8 @@ def _term_entries(
     ]
 
 
-def surfaces(
-    problem: Problem,
-    columns: Iterable[str],
-    beside: Sequence[str] = (),
-    kind: type[ShapeTerm] = Surface,
+def pair_entries(
+    kind: type[ShapeTerm], problem: Problem, columns: Iterable[str], beside: Sequence[str] = ()
 ) -> tuple[Entry, ...]:
     """A term of that kind over every pair of the columns, or of one of them and one of `beside`.
 

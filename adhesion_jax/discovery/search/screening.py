@@ -311,11 +311,10 @@ def _of_stretches(
 def _free(u: np.ndarray, products: np.ndarray) -> float:
     """The degrees of freedom of |b|^2, b the sum of the scores u [clusters, directions].
 
-    Where noise moves some directions further than others, slow noise the smooth ones and noise that
-    is slower than a probe those within a cluster together, they are fewer than the directions: with
-    V the covariance of b, (tr V)^2/tr V^2 (Box 1954, Annals of Mathematical Statistics 25,
-    290-302). Both are sums over pairs of different clusters, since one has one direction, whatever
-    V is.
+    With V the covariance of b they are (tr V)^2/tr V^2 (Box 1954, Annals of Mathematical Statistics
+    25, 290-302): fewer than the directions where noise moves some of them further than others, as
+    slow noise does smooth ones. Both are sums over pairs of different clusters, since the score of
+    one has one direction, whatever V is.
     """
     left = u - products @ u.sum(axis=0)
     crossed = left @ left.T

@@ -7,7 +7,7 @@ import numpy as np
 from adhesion_jax.discovery.model.prediction import gain
 from adhesion_jax.discovery.model.problem import label_of
 from adhesion_jax.discovery.search import rules
-from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column, surfaces
+from adhesion_jax.discovery.search.catalogue import Entry, forms_of_column, pair_entries
 from adhesion_jax.discovery.search.probes import Null, beside_smoothing, null_of, split
 from adhesion_jax.discovery.search.refinement import form_of, pruned, refined
 from adhesion_jax.discovery.search.scans import waves
@@ -93,7 +93,7 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
         if label_of(column, problem.measured) in names:
             forms += forms_of_column(column, problem)
     for kind in (Surface, Interaction):
-        forms += surfaces(problem, opinion.columns, (*opinion.columns, *own), kind)
+        forms += pair_entries(kind, problem, opinion.columns, (*opinion.columns, *own))
     known = {form_of(part) for part in parts_of(state.accepted)}
     new = {form_of(entry.starts[0]): entry for entry in forms}
     tested = [entry for form, entry in new.items() if form not in known]
@@ -187,10 +187,10 @@ def _pairs(state: Selection, columns: Sequence[str]) -> Sequence[Entry]:
     names = {effect.name for effect in state.accepted}
     mixed = [
         entry
-        for entry in surfaces(problem, first, kind=Interaction)
+        for entry in pair_entries(Interaction, problem, first)
         if own & {*entry.covariates} and entry.name not in names
     ]
-    return [*_open(surfaces(problem, first), state), *mixed]
+    return [*_open(pair_entries(Surface, problem, first), state), *mixed]
 
 
 def _by_p(score: Score) -> tuple[float, float]:
@@ -218,7 +218,7 @@ def _joint(chosen: Trial, now: Trial, scores: Sequence[Score], seed: int) -> Tri
         both = {*entry.covariates, other}
         own = [name for name in problem.columns if label_of(name, problem.measured) in both]
         forms = [form.starts[0] for name in own for form in forms_of_column(name, problem)]
-        if pairs := surfaces(problem, entry.covariates, (other,)):
+        if pairs := pair_entries(Surface, problem, entry.covariates, (other,)):
             parts.append(([null_of(chosen.fitted, split(forms)[0])], pairs))
     scored = [one for one in screen(parts, seed) if one.p <= rules.SCAN_SIGNIFICANT]
     trials = tried(now.fitted, scored[: rules.TRIED_FORMS])
