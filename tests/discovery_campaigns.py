@@ -75,9 +75,13 @@ def seen(null, adhesion):
 
 
 def factor_spreads(problem):
-    """Prior standard deviations b/(2 j - 1) of the factors of a departure, then of braking."""
+    """Prior standard deviations of the factors of a departure, then of braking.
+
+    They are b/(2 j - 1), and none is above a tenth.
+    """
     first = problem.bend / (2 * np.arange(BELOW_EFFECTS) + 1)
-    return np.concatenate([first, _APART * first])[: problem.branches * BELOW_EFFECTS]
+    whole = np.concatenate([first, _APART * first])[: problem.branches * BELOW_EFFECTS]
+    return np.minimum(whole, 0.1)
 
 
 def curve(slip, c=TRUE):

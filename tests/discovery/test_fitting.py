@@ -1,6 +1,7 @@
 """Robust weighted least squares of a model, and what is known of it, against scipy and refits."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from discovery_campaigns import (
@@ -13,6 +14,7 @@ from discovery_campaigns import (
     factor_spreads,
     levels,
     noise,
+    problem_of,
     setting_of,
 )
 from scipy import optimize, stats
@@ -20,6 +22,7 @@ from statsmodels.robust.norms import HuberT
 
 from adhesion_jax.curves import BASES, with_free_values
 from adhesion_jax.curves.bent import BELOW_EFFECTS, Bent
+from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.fitting import (
     changes_of,
     covariance,
@@ -400,6 +403,31 @@ def spoiled(table, share=0.03):
 
 
 @pytest.mark.thorough
+def tmeasy(slip, peak, end, top=0.35, rest=0.75):
+    """Rational to the peak, then a cubic. Rill 2012, Road Vehicle Dynamics, 3."""
+    size = np.abs(slip)
+    x, y = np.minimum(size / peak, 1.0), np.clip((size - peak) / end, 0.0, 1.0)
+    share = 3 * x / (1 + x * (1 + x)) - (1 - rest) * y**2 * (3 - 2 * y)
+    return np.sign(slip) * top * share
+
+
+@pytest.mark.parametrize("form", [(0.02, 0.02), (0.05, 0.05)])
+def test_what_bends_is_no_other_curve(form):
+    """Of a law that no curve follows: a curve beside a departure as large would say nothing."""
+    draw = np.random.default_rng(3)
+    table = campaign(draw, kind="both")
+    true = tmeasy(table["slip_ratio"], *form)
+    table["adhesion"] = true * levels(draw, table, 0.002) + noise(draw, sigma=0.004)
+    problem = problem_of(table)
+    bases = ("burckhardt", "exponential", "kiencke")
+    fitted = best_alone(problem, np.zeros(problem.points.shape), bases)
+    law = base_curve(fitted.base, fitted.base_values, np.asarray(problem.data.span))
+    slip = jnp.linspace(0.2, 1.5, 50) * table["slip_ratio"].abs().max()
+    np.testing.assert_allclose(law.curve(slip, {}), law(slip), rtol=0.25)
+    followed = np.asarray(law(table["slip_ratio"].to_numpy()))
+    assert np.sqrt(np.mean((followed - true) ** 2)) < 0.3 * 0.004
+
+
 def test_outliers_hardly_move_the_curve(table):
     draw = np.random.default_rng(8)
     far = 0.15 * (draw.random(len(table)) < 0.03)

@@ -25,6 +25,11 @@ from adhesion_jax.effects.shape import ACTS_ON, prior_precision
 _APART = 0.5
 _SMOOTH = 1 / (2 * np.arange(BELOW_EFFECTS) + 1.0)
 
+#: Largest prior standard deviation of a factor. Were a slow departure free to be as large as the
+#: curve, the parameters of the curve would drift along it to their bounds, and beyond the largest
+#: slip of the points, where the departure ends, the law would be a line or a pole.
+_LARGEST = 0.1
+
 
 class Layout(NamedTuple):
     """Where numbers stand in a model, and the branches of the program."""
@@ -132,7 +137,7 @@ def pack(
     places = base_places(base)[: len(described) + bends]
     lower = [*(one.lower for one in described), *[-9.0] * bends]
     upper = [*(one.upper for one in described), *[9.0] * bends]
-    sizes = problem.bend * np.concatenate([_SMOOTH, _APART * _SMOOTH])[:bends]
+    sizes = np.minimum(problem.bend * np.concatenate([_SMOOTH, _APART * _SMOOTH]), _LARGEST)[:bends]
     bent = range(len(described), len(places))
     precision[bent, bent] = sizes**-2.0
     for slot, effect in enumerate(effects):
