@@ -64,8 +64,9 @@ def smoothed(course: Course, share: float = 1.0) -> Course:
         return course
     noise = noise._replace(sigma=share * noise.sigma, spread=share * noise.spread)
     slip, spread = whole.slip.copy(), noise.spread.copy()
-    for rows in series:
-        slip[rows], spread[rows] = _settled(whole.slip[rows], noise.spread[rows])
+    for size in {rows.size for rows in series}:
+        alike = np.stack([rows for rows in series if rows.size == size])
+        slip[alike], spread[alike] = _settled(whole.slip[alike], noise.spread[alike])
     conditions = whole.conditions
     if _VELOCITY in conditions and "vehicle_speed_mps" in conditions:
         velocity = conditions[_VELOCITY]
@@ -78,25 +79,32 @@ def smoothed(course: Course, share: float = 1.0) -> Course:
 
 
 def _settled(slip: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The course of one stretch, [rows], and about its standard deviation."""
-    weight = np.full(slip.size, _AS_IT_IS)
+    """The courses of stretches, [stretches, rows], and about their standard deviations."""
+    rows = slip.shape[1]
+    weight = np.full(slip.shape, _AS_IT_IS)
     value, left = weight * slip, weight.copy()
     for window in _WINDOWS:
-        if window > slip.size:
+        if window > rows:
             break
         places = np.linspace(-1, 1, window)
         basis = np.linalg.qr(np.vander(places, _ORDERS, increasing=True))[0]
-        # Of the windows by their first row: how much of each polynomial there is.
-        shares = np.stack([oaconvolve(slip, one[::-1], "valid") for one in basis.T])
-        middle = spread[window // 2 : window // 2 + shares.shape[1]]
+        # Of the windows by their first row: how much of each polynomial there is. One polynomial
+        # at a time, since a log may have millions of rows.
+        shares = np.stack([_convolved(slip, one[::-1], "valid") for one in basis.T])
+        middle = spread[:, window // 2 :][:, : shares.shape[-1]]
         beyond = (shares[_PARABOLA:] ** 2).sum(axis=0) / middle**2 - (_ORDERS - _PARABOLA)
         fits = np.exp(-0.5 * np.maximum(beyond, 0.0))
         variance = (basis[:, :_PARABOLA] ** 2).sum(axis=1)
-        weight += oaconvolve(fits, 1 / variance)
-        left += oaconvolve(fits, 1 / np.sqrt(variance))
+        weight += _convolved(fits, 1 / variance)
+        left += _convolved(fits, 1 / np.sqrt(variance))
         for share, one in zip(shares[:_PARABOLA], basis.T[:_PARABOLA], strict=True):
-            value += oaconvolve(fits * share, one / variance)
+            value += _convolved(fits * share, one / variance)
     return value / weight, spread * left / weight
+
+
+def _convolved(rows: np.ndarray, kernel: np.ndarray, mode: str = "full") -> np.ndarray:
+    """Each of the rows [stretches, rows] convolved with the kernel."""
+    return oaconvolve(rows, kernel[None], mode, axes=-1)
 
 
 def noticeable(fitted: Fitted, moved: np.ndarray) -> bool:
