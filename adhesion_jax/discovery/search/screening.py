@@ -325,10 +325,10 @@ def _free(u: np.ndarray, products: np.ndarray) -> float:
 
 def _given(basis: np.ndarray, x: np.ndarray, runs: np.ndarray) -> np.ndarray:
     """The scores of what is given of the probe of each run, [directions, runs, given]."""
-    found = np.empty((x.shape[1], runs.size, basis.shape[1]))
+    found = np.empty((runs.size, x.shape[1], basis.shape[1]))
     for place, part in enumerate(pairwise([*runs.tolist(), len(x)])):
-        found[:, place] = x[slice(*part)].T @ basis[slice(*part)]
-    return found
+        np.matmul(x[slice(*part)].T, basis[slice(*part)], out=found[place])
+    return np.swapaxes(found, 0, 1)
 
 
 def _gained(x: np.ndarray, residual: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
