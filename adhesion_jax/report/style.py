@@ -99,20 +99,20 @@ class Shown(Figure):
 def panels(count: int, height: float, label: str) -> tuple[Figure, list[Axes]]:
     """Small multiples of one height and one axis of this label, three in a row.
 
-    There is room below for a legend of one line. Their places are set in inches: a layout engine
-    takes longer than to draw them.
+    There is room above for a title of two lines, and below for a legend of one. Their places are
+    set in inches: a layout engine takes longer than to draw them.
     """
     columns = min(count, 3)
     lines = -(-count // columns)
-    wide, gap, below = 3.0 if columns > 1 else 5.0, 0.75, 0.95
-    size = (1.05 + columns * (wide + 0.3), lines * (height + gap) - gap + below + 0.35)
+    wide, gap, below, above = 3.0 if columns > 1 else 5.0, 0.9, 0.95, 0.45
+    size = (1.05 + columns * (wide + 0.3), lines * (height + gap) - gap + below + above)
     figure = Figure(figsize=size)
     axes = list(figure.subplots(lines, columns, sharey=True, squeeze=False).ravel())
     figure.subplots_adjust(
         left=0.95 / size[0],
         right=1 - 0.2 / size[0],
         bottom=below / size[1],
-        top=1 - 0.35 / size[1],
+        top=1 - above / size[1],
         wspace=0.3 / wide,
         hspace=gap / height,
     )

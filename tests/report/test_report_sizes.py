@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from discovery_examples import two_effects, unexplained
 
+from adhesion_jax.report.discovery.figures import _dependences
 from adhesion_jax.report.discovery.words import acts_on, verdict
 
 
@@ -94,11 +95,13 @@ def test_the_maximum_stays_only_if_nothing_else_acts_on_it(part):
 def test_what_two_columns_do_together_is_told_at_the_median_of_one_of_them():
     findings, name = unexplained(), "product:gust*hour"
     pair = findings.unexplained[0]._replace(name=name, covariates=("gust", "hour"))
-    along = findings.dependences[0]._replace(effect=name, unit="", values=np.linspace(0, 24, 9))
+    along = findings.dependences[0]._replace(effect=name, unit="", values=np.linspace(0, 24, 50))
     shown = [
-        along._replace(column=column, factor=np.linspace(1.0, last, 9))
+        along._replace(column=column, factor=np.linspace(1.0, last, 50))
         for column, last in (("gust", 0.95), ("hour", 0.9))
     ]
-    words = verdict(findings._replace(unexplained=(pair,), dependences=tuple(shown)))
+    joint = findings._replace(unexplained=(pair,), dependences=tuple(shown))
     falls = "adhesion falls by 10.0 % as hour goes from 0 to 24"
-    assert f"; with gust at its median, {falls};" in words
+    assert f"; with gust at its median, {falls};" in verdict(joint)
+    titles = [axis.get_title(loc="left").split("\n")[1] for axis in _dependences(joint).axes[:2]]
+    assert titles == ["with hour at its median", "with gust at its median"]

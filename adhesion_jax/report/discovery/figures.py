@@ -16,6 +16,7 @@ from adhesion_jax.discovery.types import Candidate, Dependence, Findings, Interv
 from adhesion_jax.report.discovery.residuals import level_panels, residual_panels
 from adhesion_jax.report.discovery.tables import ranking, shape_columns
 from adhesion_jax.report.discovery.words import (
+    beside_median,
     column_label,
     decision,
     error,
@@ -125,7 +126,8 @@ def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
     named, at_slip = label_text(humanised(dependence.effect)), dependence.at_slip
     if np.isfinite(at_slip) and dependence.column != "slip_ratio":
         named += f", at slip {at_slip:.2g}"
-    axis.set_title(named, fontsize=9, loc="left")
+    held = label_text(beside_median(findings, dependence))
+    axis.set_title("\n".join(filter(None, (named, held))), fontsize=9, loc="left")
     if dependence.labels:
         middle, places = dependence.factor, np.arange(len(dependence.labels))
         spread = np.maximum([middle - dependence.low, dependence.high - middle], 0.0)

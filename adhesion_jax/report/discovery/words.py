@@ -242,9 +242,17 @@ def _size(findings: Findings, effect: FoundEffect) -> str:
     if most is None or np.ptp(most.factor) < _TRIVIAL:
         return ""
     at_slip = f"at slip {most.at_slip:.2g} " if np.isfinite(most.at_slip) else ""
-    others = [one.column for one in own if effect.name.startswith("product:") and one is not most]
-    at_median = f"with {listed(others)} at its median, " if others else ""
+    held = beside_median(findings, most)
+    at_median = f"{held}, " if held else ""
     return at_slip + at_median + (_of_labels(most) if most.labels else _over(most))
+
+
+def beside_median(findings: Findings, dependence: Dependence) -> str:
+    """That the other column of what two do together is at its median; empty for other effects."""
+    own = [one.column for one in findings.dependences if one.effect == dependence.effect]
+    others = [column for column in own if column != dependence.column]
+    joint = dependence.effect.startswith("product:") and others
+    return f"with {listed(others)} at its median" if joint else ""
 
 
 def _of_labels(own: Dependence) -> str:
