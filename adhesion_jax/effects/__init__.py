@@ -22,7 +22,6 @@ from adhesion_jax.effects.slip_velocity import ContactHeating, FallingFriction, 
 from adhesion_jax.effects.surroundings import Drift, Humidity, Temperature
 from adhesion_jax.effects.track import CurveOfTrack, LateralCreep, Patch
 from adhesion_jax.effects.two_columns import Interaction as Interaction
-from adhesion_jax.effects.two_columns import Product as Product
 from adhesion_jax.effects.two_columns import Surface as Surface
 from adhesion_jax.effects.vehicle import AxlePosition, ModeAsymmetry
 from adhesion_jax.effects.wave import RailJoint, WheelOrder
@@ -67,7 +66,6 @@ KINDS: Mapping[str, type[Effect]] = ChainMap(
         "labels": Labels,
         "memory": Memory,
         "threshold": Threshold,
-        "product": Product,
         "interaction": Interaction,
         "surface": Surface,
         "periodic": Periodic,

@@ -24,10 +24,9 @@ FORMAT = 5
 
 #: The first format with the present formula of each effect that has changed, or with its place
 #: among others: saved values of an earlier one would give other adhesions.
-_CHANGED = dict.fromkeys(("covariate", "product"), 2)
+_CHANGED = {"covariate": 2, "interaction": 5}
 _CHANGED |= dict.fromkeys(("spline", "surface"), 3)
 _CHANGED |= dict.fromkeys(("contact_heating", "cleaning", "torque_offset"), 4)
-_CHANGED |= {"interaction": 5}
 
 #: The calendar of a law that does not know of time.
 NO_TIME = Calendar("run_order", 0.0, 1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from adhesion_jax.curves import Conditions
-from adhesion_jax.effects import EFFECTS, Covariate, Periodic, Product
+from adhesion_jax.effects import EFFECTS, Covariate, Periodic
 from adhesion_jax.effects.api import Effect
 from adhesion_jax.effects.shape import ShapeTerm
 
@@ -222,13 +222,17 @@ def unknown_column(runs: CleanRuns) -> OpenEffect:
 
 
 def product(runs: CleanRuns) -> OpenEffect:
-    """The level depends on two columns together."""
-    pair = ("gradient_permille", "temperature_C")
-    first, second = (float(np.std(runs.columns[column])) for column in pair)
-    one, other = (float(np.mean(runs.columns[column])) for column in pair)
-    return by_its_formula(
-        lambda a: Product(a, one / first, other / second, first, second, *pair), 0.9, runs
-    )
+    """Mu exp(k u v), u and v two columns less their means, over their standard deviations."""
+    columns = [runs.columns[name] for name in ("gradient_permille", "temperature_C")]
+    u, v = ((values - np.mean(values)) / np.std(values) for values in columns)
+    scales = dict(zip(("first_scale", "second_scale"), map(np.std, columns), strict=True))
+
+    def make(amount: float) -> Planted:
+        change = np.exp(amount * u * v)
+        values = {"k": amount, **scales}
+        return Planted(ShapeTerm.ORDER, unchanged, lambda mu: mu * change, unchanged, values)
+
+    return OpenEffect(make, 0.9)
 
 
 def periodic(runs: CleanRuns) -> OpenEffect:

@@ -15,7 +15,7 @@ from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.law import CorrectedLaw, with_effects
 
 GENERIC = [name for name in KINDS if name not in EFFECTS]
-TWO_COLUMNS = ("product", "interaction", "surface")
+TWO_COLUMNS = ("interaction", "surface")
 BARE = CURVES["burckhardt"]
 POINTS = 120
 STILL = jnp.arange(float(POINTS))

@@ -294,14 +294,11 @@ def test_the_functions_of_a_spline_are_uncorrelated_over_the_data_and_ever_rough
     assert np.all(np.diff(roughness) > 0)
 
 
-def test_plain_columns_and_products_are_linear_in_the_logarithm():
+def test_plain_columns_are_linear_in_the_logarithm():
     one = KINDS["covariate"](k=0.1, reference=3.0, scale=2.0, column="wear")
-    conditions = {"wear": jnp.array([3.0, 5.0, -17.0]), "gap": jnp.array([1.0, 4.0, 1.0])}
+    conditions = {"wear": jnp.array([3.0, 5.0, -17.0])}
     expected = np.exp([0.0, 0.1, -1.0])
     np.testing.assert_allclose(factors_of(one, conditions), expected, rtol=1e-12)
-    pair = KINDS["product"](0.1, 1.5, 0.5, 2.0, 2.0, "wear", "gap")
-    expected = np.exp([0.0, 0.15, 0.0])
-    np.testing.assert_allclose(factors_of(pair, conditions), expected, rtol=1e-12)
 
 
 def test_a_threshold_is_a_step_about_its_centre():

@@ -249,9 +249,6 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
         labels,
         KINDS["memory"](0.02, 0.8, 0.5, 0.6, column="slip_velocity_mps", acts_on="offset"),
         Covariate(0.002, 9e4, 1e4, column="normal_load_N", acts_on="shift"),
-        KINDS["product"](
-            0.03, 4.0, 1.0, 2e4, 8.0, "normal_load_N", "temperature_C", acts_on="slip"
-        ),
         KINDS["interaction"](
             *(0.2, -0.1, 0.05, 0.1, 0.02, -0.03, 0.1, 0.04, -0.05), *warm, *humid,
             "temperature_C", "relative_humidity_pct", acts_on="fall",
