@@ -14,6 +14,7 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from adhesion_jax.command_line.command import run, start
+from adhesion_jax.discovery.findings.summary import AHEAD
 from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
 from adhesion_jax.files import write_table
 from adhesion_jax.library.discover import discover
@@ -73,6 +74,8 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
         )
     }
     behind = removed["share"] < removed["share of trees"] - BEHIND
+    beside = found.beside_trees.after.value if found.beside_trees else after
+    ahead = found.opinion is not None or beside**2 <= (1 - AHEAD) * after**2
     told_of = ("base", "layout", "noise", "effect", "sigma", "run_scatter", "strength")
     return {name: getattr(made, name) for name in (*told_of, "test_gap", "test_noise")} | {
         "number": number,
@@ -85,8 +88,8 @@ def one_set(task: tuple[int, int, bool]) -> dict[str, object]:
         "wrong beside": any(not names & right for names in told),
         "made worse": after > WORSE * before,
         "behind trees": behind,
-        "behind trees, untold": behind and found.opinion is None,
-        "trees told": found.opinion is not None,
+        "behind trees, untold": behind and not ahead,
+        "trees told": ahead,
         "error foretold": _foretold(found.validation.after, found.test.after),
         "sizes": len(sizes),
         "size covered": sum(sizes),

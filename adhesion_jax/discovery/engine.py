@@ -31,7 +31,7 @@ from adhesion_jax.discovery.model.rows import predicted
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry, library_of
 from adhesion_jax.discovery.search.screening import least_p
-from adhesion_jax.discovery.search.second_opinion import features_of, import_trees, second_opinion
+from adhesion_jax.discovery.search.second_opinion import import_trees, known_of, second_opinion
 from adhesion_jax.discovery.search.selection import nominated, search
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Findings, Opinion
@@ -121,7 +121,7 @@ def discover(
     if correct and (opinion is None or opinion.correction is None):
         warnings.append(f"No correction by boosted trees was made: {_without_trees(final)}")
     progress("measuring the errors", 0.95)
-    found = summarise(course, blocks, plain, final, opinion, test, warnings, correct, seed)
+    found = summarise(course, blocks, plain, final, opinion, test, warnings, correct, seed, same)
     if course.runs is not measured.runs:
         found = found._replace(smoothing=smoothing_of(unsmoothed, plain, course, tests, seed))
     seconds = time.perf_counter() - began
@@ -382,11 +382,5 @@ def opinion_of(state: Selection, seed: int, without: Container[str] = ()) -> Opi
     """
     if not of_independent_blocks(state):
         return None
-    problem = state.setting.problem
-    inside = problem.points > 0
-    slip = np.asarray(problem.data.slip)[inside]
-    known = features_of(problem, slip, problem.flat)
-    features = {name: column for name, column in known.items() if name not in without}
-    residual = state.fitted.error[inside] * np.sign(slip)
-    runs = np.nonzero(inside)[0]
-    return second_opinion(features, residual, runs, ("slip_ratio", "mode"), seed)
+    runs = np.nonzero(state.setting.problem.points > 0)[0]
+    return second_opinion(*known_of(state, without), runs, ("slip_ratio", "mode"), seed)

@@ -153,9 +153,12 @@ class Findings(NamedTuple):
     #: much of the test data has that the training data hardly cover.
     foremost: tuple[str, ...] = ()
     least_p: float = 0.0  # the smallest p that signs of the runs can show
-    #: The errors of the law (before) and of the trees of the opinion on top of it (after) on the
-    #: test set; None if that was not asked for, or if the trees predict nothing.
+    #: The errors of the curve alone (before) and of the law with the trees of the opinion on top
+    #: (after) on the test set; None if that was not asked for, or if the trees predict nothing.
     with_trees: Errors | None = None
+    #: The errors on the test set of the curve alone (before) and of the law with boosted trees on
+    #: top (after) whether or not what they predict is likely chance; None for few runs.
+    beside_trees: Errors | None = None
     #: Where the slip was smoothed: the errors of the curve alone with the slip as measured (before)
     #: and with the smoothed one (after), on the test set, or else on runs left out.
     smoothing: Errors | None = None

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.signal import lfilter
+from sklearn.ensemble import HistGradientBoostingRegressor
 
 import adhesion_jax as aj
 from adhesion_jax.discovery.search.rules import (
@@ -12,6 +13,7 @@ from adhesion_jax.discovery.search.rules import (
     SIGNIFICANT,
 )
 from adhesion_jax.discovery.search.second_opinion import second_opinion
+from adhesion_jax.wording import percent
 from experiments.stranger_sets import stranger
 
 RUNS, POINTS = 28, 200
@@ -151,6 +153,31 @@ def test_a_column_that_trees_name_is_an_effect_where_signs_of_the_runs_do_not_te
     assert effect.p_adjusted <= OPINION_SIGNIFICANT
     before, after = found.test.before.value, found.test.after.value
     assert before**2 - after**2 > 0.8 * (before**2 - made.test_noise**2)
+    # Trees on top find nothing more, and what they take for something makes the law worse.
+    assert found.beside_trees.before == found.test.before
+    assert after < found.beside_trees.after.value < 1.2 * after
+    assert not [words for words in found.warnings if words.startswith("Boosted trees on top")]
+
+
+@pytest.mark.long
+def test_where_trees_are_ahead_on_the_test_the_report_says_by_how_much():
+    """A surface that sweeps do not show surely: neither the search nor the trees are sure of it."""
+    made = stranger(20261201, 11, False)
+    found = aj.discover(made.train, test=made.test, seed=11).findings
+    assert found.opinion is None
+    names = [*made.train.select_dtypes("number").columns.drop(["run", "adhesion"])]
+    points = found.points.sort_values("slip")
+    law = np.interp(made.train["slip_ratio"], *points[["slip", "after"]].to_numpy().T)
+    trees = HistGradientBoostingRegressor(random_state=0)
+    trees.fit(made.train[names], made.train["adhesion"] - law)
+    on_top = found.predictions["corrected"] + trees.predict(made.test[names])
+    error = np.sqrt(np.mean((made.test["adhesion"].to_numpy() - on_top.to_numpy()) ** 2))
+    assert found.beside_trees.after.value == pytest.approx(error, rel=0.05)
+    assert error < 0.97 * found.test.after.value
+    (told,) = (words for words in found.foremost if words.startswith("Boosted trees on top"))
+    removed = 1 - (found.beside_trees.after.value / found.test.after.value) ** 2
+    assert f" remove {percent(removed)} [" in told
+    assert "or this is chance" in told
 
 
 @pytest.mark.long

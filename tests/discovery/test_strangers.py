@@ -158,8 +158,11 @@ def effect_of(name, covariates=(), candidates=()):
     return effect
 
 
-def finding(*effects):
-    """A discovery that reports exactly these effects, and removes half of the error."""
+def finding(*effects, beside=None):
+    """A discovery that reports exactly these effects, and removes half of the error.
+
+    `beside` is the test error with trees on top.
+    """
 
     def discover(train, test, seed, correct):
         assert (seed < 2, correct) == (True, True)  # the number of the set
@@ -173,6 +176,7 @@ def finding(*effects):
             validation=Bare(after=Interval(0.03, 0.028, 0.032)),
             test=Bare(before=Bare(value=0.05), after=Interval(0.05 / 2**0.5, 0.033, 0.038)),
             with_trees=None,
+            beside_trees=beside and Bare(after=Bare(value=beside)),
             opinion=None,
         )
         return Bare(findings=findings)
@@ -180,9 +184,9 @@ def finding(*effects):
     return Mock(side_effect=discover)
 
 
-def reported(monkeypatch, *effects):
+def reported(monkeypatch, *effects, beside=None):
     """The row of set 0 where exactly these effects are reported, and half of the error removed."""
-    monkeypatch.setattr(strangers, "discover", finding(*effects))
+    monkeypatch.setattr(strangers, "discover", finding(*effects, beside=beside))
     return strangers.one_set((3, 0, False))
 
 
@@ -208,6 +212,17 @@ def test_a_claim_is_right_where_it_names_the_column_alone_or_in_a_product(monkey
     assert strangers._foretold(Interval(0.03, 0.025, 0.035), Interval(0.0354, 0.033, 0.038))
     assert none["share corrected"] == none["share"]
     assert none["behind trees, untold"] == none["behind trees"]
+    # The law's error is .0354.
+    for beside, told in ((0.0353, False), (0.035, True)):
+        assert reported(monkeypatch, beside=beside)["trees told"] == told
+
+
+@pytest.mark.long
+def test_where_trees_are_ahead_and_the_report_says_so_it_is_told(monkeypatch):
+    monkeypatch.setattr(strangers, "_peers_rms", lambda *_: (0.01, 0.1))
+    for beside, untold in ((0.04, True), (0.02, False)):
+        row = reported(monkeypatch, beside=beside)
+        assert (row["behind trees"], row["behind trees, untold"]) == (True, untold)
 
 
 def test_a_slope_is_covered_where_its_interval_holds_that_of_the_effect():

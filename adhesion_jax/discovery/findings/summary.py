@@ -1,7 +1,7 @@
 """The findings of a finished search: effects with intervals, errors, and cautions."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 import pandas as pd
@@ -43,13 +43,18 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.screening import least_p
-from adhesion_jax.discovery.search.second_opinion import features_of
+from adhesion_jax.discovery.search.second_opinion import features_of, known_of, unjudged
 from adhesion_jax.discovery.search.selection import undecided
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
 from adhesion_jax.discovery.types import Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.wave import Wave
 from adhesion_jax.inference.noise import RunNoise
+from adhesion_jax.wording import percent
+
+#: Trees are ahead of the law where they remove this share of what it leaves of the squared error of
+#: a test. By hand.
+AHEAD = 0.01
 
 #: What is reported of the noise.
 _NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")
@@ -68,11 +73,13 @@ def summarise(
     warnings: Sequence[str],
     correct: bool,
     seed: int,
+    same: Container[str],
 ) -> Findings:
     """The findings of a search, but for the names of its data and the time that it took.
 
     `course` has all rows, `blocks` are the blocks of them that the states without effects (`plain`)
-    and with them were `searched` in: the rows, if they are few.
+    and with them were `searched` in: the rows, if they are few. Columns that are the `same` as slip
+    or adhesion are no knowledge of trees.
     """
     runs = course.runs
     final, unnamed = vetoed(searched)
@@ -84,6 +91,7 @@ def summarise(
     trees = opinion if correct else None
     tested, with_trees, predictions = _on_test(runs, test, bare, law, trees, problem, seed)
     refuted = _refuted(final.accepted, validation, tested)
+    beside, ahead = _beside_trees(runs, test, bare, law, final, same, seed)
     if refuted and predictions is not None:
         predictions = predictions.assign(corrected=predictions["base"])
     left = left_by(runs, law, after, final.setting.share, course.left)
@@ -98,7 +106,8 @@ def summarise(
     words = (*shape_words(final), *warnings, *noise_words(final, noise))
     far = tuple(sentence for _, sentence in outside)
     levels = None if runs.blocks else _levels(runs, before, after, noise)
-    foremost = *refuted, *(words for share, words in outside if share > rules.MUCH_OUTSIDE)
+    much_outside = (words for share, words in outside if share > rules.MUCH_OUTSIDE)
+    foremost = *refuted, *much_outside, *ahead
     return Findings(
         source="",
         base=final.base,
@@ -118,7 +127,7 @@ def summarise(
         untested=untested(problem, runs),
         proposals=proposals(final, alike),
         dependences=dependences(final, seed),
-        warnings=(*refuted, *unnamed, *words, *far, absent(runs)),
+        warnings=(*refuted, *unnamed, *ahead, *words, *far, absent(runs)),
         points=_points(runs, blocks, before, after),
         predictions=predictions,
         seconds=0.0,
@@ -131,6 +140,7 @@ def summarise(
         foremost=(*foremost, *outlying(levels)),
         least_p=least_p(problem.runs),
         with_trees=with_trees,
+        beside_trees=beside,
     )
 
 
@@ -196,6 +206,47 @@ def _on_test(
         with_trees,
         table.sort_values("row", ignore_index=True),
     )
+
+
+def _beside_trees(
+    runs: RunSet,
+    test: RunSet | None,
+    bare: CorrectedLaw,
+    law: CorrectedLaw,
+    final: Selection,
+    same: Container[str],
+    seed: int,
+) -> tuple[Errors | None, list[str]]:
+    """The errors on a test set of the law with trees on top that nothing has judged.
+
+    What they predict may be chance, and then they are worse than the law. Where they are better a
+    sentence says so.
+    """
+    if test is None:
+        return None, []
+    problem, parts = final.setting.problem, cut_alike(runs, test)
+    if min(problem.runs, parts.lengths.size) < rules.FEWEST_RUNS:
+        return None, []
+    before, after = predicted(bare, test), predicted(law, test)
+    columns = columns_of(problem.columns, problem.calendar, test)
+    there = features_of(problem, test.whole.slip, columns)
+    more = unjudged(*known_of(final, same), there)
+    with_trees = after + np.sign(test.whole.slip) * more
+    removed = errors_of(parts, after, with_trees, seed).removed
+    beside = errors_of(parts, before, with_trees, seed)
+    if removed.value < AHEAD:
+        return beside, []
+    share, low, high = map(percent, removed)
+    follows = (
+        "adhesion depends on the columns in a way that the law lacks."
+        if removed.low > 0
+        else "adhesion may depend on the columns in a way that the law lacks, or this is chance; "
+        "more test runs would show."
+    )
+    return beside, [
+        f"Boosted trees on top of the law, fitted to the same training runs, remove {share} "
+        f"[{low}, {high}] of the squared error that it has on the test runs: {follows}"
+    ]
 
 
 def _noise_floor(runs: RunSet, noise: RunNoise) -> float:

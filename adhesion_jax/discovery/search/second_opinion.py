@@ -4,7 +4,7 @@ The trees know no catalogue: what they predict of runs left out is structure tha
 whatever form. They claim no cause; the columns that they need for the prediction are reported.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from threading import Thread
@@ -15,6 +15,7 @@ import scipy
 
 from adhesion_jax.discovery.model.problem import Problem, label_of
 from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Opinion
 from adhesion_jax.inference.sums import TUNING
 
@@ -48,6 +49,19 @@ def features_of(
     """What the trees know of points [points]: the columns of a problem, and what is of the slip."""
     known = {label_of(name, problem.measured): columns[name] for name in problem.columns}
     return {**known, "slip_ratio": np.abs(slip), "mode": np.sign(slip)}
+
+
+def known_of(state: Selection, without: Container[str]) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """What the trees know of the training points, and what the law leaves there, [points].
+
+    They do not know the columns `without`. The sign of the residual is that of traction.
+    """
+    problem = state.setting.problem
+    inside = problem.points > 0
+    slip = np.asarray(problem.data.slip)[inside]
+    known = features_of(problem, slip, problem.flat)
+    features = {name: column for name, column in known.items() if name not in without}
+    return features, state.fitted.error[inside] * np.sign(slip)
 
 
 def second_opinion(
@@ -119,6 +133,21 @@ def second_opinion(
         correction = partial(_corrected, model, tuple(names), unit)
     of = tuple(names[place] for place in named)
     return Opinion(of, explained, spread, p, correction)
+
+
+def unjudged(
+    features: Mapping[str, np.ndarray], residual: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> np.ndarray:
+    """What boosted trees predict of a residual, [points], whether or not that is likely chance.
+
+    They have the sizes that their library gives them, and are fitted to the `features` [training
+    points] for a comparison with them on the `columns` [points] of a test.
+    """
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    known = np.column_stack([*features.values()])
+    trees = HistGradientBoostingRegressor(random_state=0).fit(known, residual)
+    return trees.predict(np.column_stack([columns[name] for name in features]))
 
 
 def _explained(gain: np.ndarray, before: np.ndarray) -> tuple[float, float]:

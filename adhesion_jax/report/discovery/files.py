@@ -92,6 +92,7 @@ def report_json(findings: Findings) -> dict[str, object]:
         "cross_validation": findings.validation,
         "test": findings.test,
         "test_with_trees": findings.with_trees,
+        "test_beside_trees": findings.beside_trees,
         "smoothing": findings.smoothing,
     }
     opinion = findings.opinion

@@ -125,6 +125,7 @@ def errors_by_data(findings: Findings) -> dict[str, Errors]:
         "cross-validation": findings.validation,
         "test": findings.test,
         "test, trees on top": findings.with_trees,
+        "test, trees for comparison": findings.beside_trees,
     }
     return {data: of for data, of in errors.items() if of is not None}
 
