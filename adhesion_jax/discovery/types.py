@@ -157,7 +157,8 @@ class Findings(NamedTuple):
     #: (after) on the test set; None if that was not asked for, or if the trees predict nothing.
     with_trees: Errors | None = None
     #: The errors on the test set of the curve alone (before) and of the law with boosted trees on
-    #: top (after) whether or not what they predict is likely chance; None for few runs.
+    #: top (after), whether or not what they predict is likely chance. None for few runs, and where
+    #: the curve alone is saved.
     beside_trees: Errors | None = None
     #: Where the slip was smoothed: the errors of the curve alone with the slip as measured (before)
     #: and with the smoothed one (after), on the test set, or else on runs left out.

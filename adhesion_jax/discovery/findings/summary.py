@@ -91,7 +91,8 @@ def summarise(
     trees = opinion if correct else None
     tested, with_trees, predictions = _on_test(runs, test, bare, law, trees, problem, seed)
     refuted = _refuted(final.accepted, validation, tested)
-    beside, ahead = _beside_trees(runs, test, bare, law, final, same, seed)
+    judged = None if refuted else test
+    beside, ahead = _beside_trees(runs, judged, bare, law, final, same, seed)
     if refuted and predictions is not None:
         predictions = predictions.assign(corrected=predictions["base"])
     left = left_by(runs, law, after, final.setting.share, course.left)
