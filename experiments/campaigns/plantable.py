@@ -225,11 +225,11 @@ def product(runs: CleanRuns) -> OpenEffect:
     """Mu exp(k u v), u and v two columns less their means, over their standard deviations."""
     columns = [runs.columns[name] for name in ("gradient_permille", "temperature_C")]
     u, v = ((values - np.mean(values)) / np.std(values) for values in columns)
-    scales = dict(zip(("first_scale", "second_scale"), map(np.std, columns), strict=True))
+    first, second = (float(np.std(values)) for values in columns)
 
     def make(amount: float) -> Planted:
         change = np.exp(amount * u * v)
-        values = {"k": amount, **scales}
+        values = {"k": amount, "first_scale": first, "second_scale": second}
         return Planted(ShapeTerm.ORDER, unchanged, lambda mu: mu * change, unchanged, values)
 
     return OpenEffect(make, 0.9)
