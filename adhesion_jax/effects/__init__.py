@@ -93,6 +93,8 @@ def in_words(name: str) -> str:
     kind, _, columns = name.partition(":")
     if kind == "slip_noise":  # which is found beside the effects and is none
         return "noise in the slip signal"
+    if kind == "product":  # whatever the form of two columns is
+        kind = "interaction"
     if kind not in KINDS:
         return kind.replace("_", " ") + (f" of {columns}" if columns else "")
     said = {"run_time_s": "the time since the run began"}.get(columns, columns)
