@@ -14,7 +14,7 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from adhesion_jax.command_line.command import run, start
-from adhesion_jax.discovery.findings.summary import AHEAD
+from adhesion_jax.discovery.findings.cautions import AHEAD
 from adhesion_jax.discovery.types import Findings, FoundEffect, Interval
 from adhesion_jax.files import write_table
 from adhesion_jax.library.discover import discover

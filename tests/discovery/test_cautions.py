@@ -9,10 +9,17 @@ from discovery_campaigns import alone, campaign, curve, noise, problem_of, runs_
 import adhesion_jax as aj
 from adhesion_jax.curves import CURVES
 from adhesion_jax.data import matching
-from adhesion_jax.discovery.findings.cautions import absent, extrapolated, outlying, untested
+from adhesion_jax.discovery.findings.cautions import (
+    absent,
+    ahead_words,
+    extrapolated,
+    outlying,
+    untested,
+)
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.summary import _refuted, ranges_of
 from adhesion_jax.discovery.search.state import Accepted, Selection
+from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects import EFFECTS, Periodic, Spline
 from adhesion_jax.effects.law import CorrectedLaw
 
@@ -266,3 +273,12 @@ def test_the_hour_of_a_wave_has_no_edge(training):
         "outside 1 to 22, where it was measured: there the law keeps its value " + ("at the edge.")
     )
     assert law(slip, {"tod_h": 23.5}) == law(slip, {"tod_h": 22.0})
+
+
+def test_where_trees_are_ahead_a_sentence_says_by_how_much_and_how_surely():
+    assert ahead_words(Interval(0.0098, 0.005, 0.02)) == []
+    (sure,) = ahead_words(Interval(0.0102, 0.002, 0.02))
+    assert "remove 1 % [0.2 %, 2 %] of the squared error" in sure
+    assert sure.endswith("in a way that the law lacks.")
+    (unsure,) = ahead_words(Interval(0.15, -0.38, 0.49))
+    assert "or this is chance" in unsure

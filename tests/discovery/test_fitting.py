@@ -402,13 +402,19 @@ def spoiled(table, share=0.03):
     return table.assign(adhesion=table["adhesion"] + np.where(far, 0.15, 0.0))
 
 
-@pytest.mark.thorough
 def tmeasy(slip, peak, end, top=0.35, rest=0.75):
     """Rational to the peak, then a cubic. Rill 2012, Road Vehicle Dynamics, 3."""
     size = np.abs(slip)
     x, y = np.minimum(size / peak, 1.0), np.clip((size - peak) / end, 0.0, 1.0)
     share = 3 * x / (1 + x * (1 + x)) - (1 - rest) * y**2 * (3 - 2 * y)
     return np.sign(slip) * top * share
+
+
+def test_no_factor_of_a_departure_is_expected_to_be_above_a_tenth(setting):
+    problem = setting.problem._replace(bend=1.0)
+    precision = np.diag(pack(problem, "burckhardt", TRUE, (), size_of("burckhardt", ())).precision)
+    # 1, 1/3 ... 1/9 are held at a tenth; the sixth is 1/11.
+    np.testing.assert_allclose(precision[3:9], [100] * 5 + [121], rtol=1e-12)
 
 
 @pytest.mark.parametrize("form", [(0.02, 0.02), (0.05, 0.05)])
@@ -428,6 +434,7 @@ def test_what_bends_is_no_other_curve(form):
     assert np.sqrt(np.mean((followed - true) ** 2)) < 0.3 * 0.004
 
 
+@pytest.mark.thorough
 def test_outliers_hardly_move_the_curve(table):
     draw = np.random.default_rng(8)
     far = 0.15 * (draw.random(len(table)) < 0.03)

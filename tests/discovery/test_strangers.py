@@ -212,8 +212,8 @@ def test_a_claim_is_right_where_it_names_the_column_alone_or_in_a_product(monkey
     assert strangers._foretold(Interval(0.03, 0.025, 0.035), Interval(0.0354, 0.033, 0.038))
     assert none["share corrected"] == none["share"]
     assert none["behind trees, untold"] == none["behind trees"]
-    # The law's error is .0354.
-    for beside, told in ((0.0353, False), (0.035, True)):
+    # The law's error is .035355; of its square .0099 and .0105 are removed.
+    for beside, told in ((0.03518, False), (0.03517, True)):
         assert reported(monkeypatch, beside=beside)["trees told"] == told
 
 

@@ -396,6 +396,9 @@ def test_a_correction_by_trees_is_offered_and_named_as_what_it_is():
     assert errors_frame(done)["data"].tolist()[-1] == "test, trees on top"
     assert report_json(done)["rmse"]["test_with_trees"] == {"before": 0.01588, "after": 0.01019}
     assert "test_with_trees" not in report_json(findings)["rmse"]
+    beside = findings._replace(beside_trees=made_errors(0.01588, 0.01043, 8))
+    assert errors_table(beside).rows[-1][:2] == ("test, trees for comparison", "8")
+    assert report_json(beside)["rmse"]["test_beside_trees"] == {"before": 0.01588, "after": 0.01043}
 
 
 def test_verdict_of_runs_that_scatter_more_than_their_points():

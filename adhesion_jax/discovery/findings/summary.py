@@ -12,6 +12,7 @@ from adhesion_jax.data.runs import RunSet, cut_alike
 from adhesion_jax.discovery.findings.alternatives import confounded, likenesses, proposals
 from adhesion_jax.discovery.findings.cautions import (
     absent,
+    ahead_words,
     extrapolated,
     noise_words,
     outlying,
@@ -43,18 +44,13 @@ from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import library_of
 from adhesion_jax.discovery.search.scans import torsion
 from adhesion_jax.discovery.search.screening import least_p
-from adhesion_jax.discovery.search.second_opinion import features_of, known_of, unjudged
+from adhesion_jax.discovery.search.second_opinion import features_of, known_of, predicted_by_trees
 from adhesion_jax.discovery.search.selection import undecided
 from adhesion_jax.discovery.search.state import Accepted, Selection, parts_of
 from adhesion_jax.discovery.types import Errors, Findings, Opinion
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.wave import Wave
 from adhesion_jax.inference.noise import RunNoise
-from adhesion_jax.wording import percent
-
-#: Trees are ahead of the law where they remove this share of what it leaves of the squared error of
-#: a test. By hand.
-AHEAD = 0.01
 
 #: What is reported of the noise.
 _NOISE = ("sigma", "autocorrelation", "run_scatter", "slow_level")
@@ -91,10 +87,14 @@ def summarise(
     trees = opinion if correct else None
     tested, with_trees, predictions = _on_test(runs, test, bare, law, trees, problem, seed)
     refuted = _refuted(final.accepted, validation, tested)
-    judged = None if refuted else test
-    beside, ahead = _beside_trees(runs, judged, bare, law, final, same, seed)
-    if refuted and predictions is not None:
-        predictions = predictions.assign(corrected=predictions["base"])
+    beside: Errors | None = None
+    ahead: list[str] = []
+    if predictions is not None:
+        if refuted:
+            predictions = predictions.assign(corrected=predictions["base"])
+        elif test is not None:
+            beside, ahead = _beside_trees(runs, test, predictions, final, same, seed)
+        predictions = predictions.sort_values("row", ignore_index=True)
     left = left_by(runs, law, after, final.setting.share, course.left)
     noise = noise_of(left)
     outside = extrapolated(final, law, runs, test)
@@ -180,8 +180,8 @@ def _on_test(
 ) -> tuple[Errors | None, Errors | None, pd.DataFrame | None]:
     """Errors of the law on a test set, and of the trees on top of it; the predictions of its rows.
 
-    The predictions have one line for each row that is used of the test files, in their order, with
-    what was measured there. The errors are those of the runs of the test set, and those of blocks
+    The predictions have one line for each row that is used of the test files, by run, with what was
+    measured there. The errors are those of the runs of the test set, and those of blocks
     of its only run where blocks take the place of runs in training too.
     """
     if test is None:
@@ -205,49 +205,33 @@ def _on_test(
     return (
         errors_of(parts, before, after, seed),
         with_trees,
-        table.sort_values("row", ignore_index=True),
+        table,
     )
 
 
 def _beside_trees(
     runs: RunSet,
-    test: RunSet | None,
-    bare: CorrectedLaw,
-    law: CorrectedLaw,
+    test: RunSet,
+    predictions: pd.DataFrame,
     final: Selection,
     same: Container[str],
     seed: int,
 ) -> tuple[Errors | None, list[str]]:
-    """The errors on a test set of the law with trees on top that nothing has judged.
+    """The errors on a test set of the law with trees on top, and a sentence where these are better.
 
-    What they predict may be chance, and then they are worse than the law. Where they are better a
-    sentence says so.
+    `predictions` are those of the test rows by the curve alone and by the law. What the trees
+    predict may be chance, and then they are worse than the law.
     """
-    if test is None:
-        return None, []
     problem, parts = final.setting.problem, cut_alike(runs, test)
     if min(problem.runs, parts.lengths.size) < rules.FEWEST_RUNS:
         return None, []
-    before, after = predicted(bare, test), predicted(law, test)
     columns = columns_of(problem.columns, problem.calendar, test)
     there = features_of(problem, test.whole.slip, columns)
-    more = unjudged(*known_of(final, same), there)
+    more = predicted_by_trees(*known_of(final, same), there)
+    before, after = (predictions[name].to_numpy() for name in ("base", "corrected"))
     with_trees = after + np.sign(test.whole.slip) * more
     removed = errors_of(parts, after, with_trees, seed).removed
-    beside = errors_of(parts, before, with_trees, seed)
-    if removed.value < AHEAD:
-        return beside, []
-    share, low, high = map(percent, removed)
-    follows = (
-        "adhesion depends on the columns in a way that the law lacks."
-        if removed.low > 0
-        else "adhesion may depend on the columns in a way that the law lacks, or this is chance; "
-        "more test runs would show."
-    )
-    return beside, [
-        f"Boosted trees on top of the law, fitted to the same training runs, remove {share} "
-        f"[{low}, {high}] of the squared error that it has on the test runs: {follows}"
-    ]
+    return errors_of(parts, before, with_trees, seed), ahead_words(removed)
 
 
 def _noise_floor(runs: RunSet, noise: RunNoise) -> float:

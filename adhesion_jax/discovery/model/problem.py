@@ -50,7 +50,7 @@ class Problem(NamedTuple):
     data: Data
     points: np.ndarray  # [runs, points]: the weight of each point, 1 on average; 0: none
     branches: int  # 2 if traction and braking have departures of their own
-    bend: float  # prior standard deviation of the first factor of a departure, if it is small
+    bend: float  # prior standard deviation of the first factor of a departure, at most a tenth
     calendar: Calendar
     columns: tuple[str, ...]  # of Data.columns
     flat: Mapping[str, np.ndarray]  # every condition that varies, at the points there are

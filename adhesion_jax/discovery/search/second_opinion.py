@@ -135,7 +135,7 @@ def second_opinion(
     return Opinion(of, explained, spread, p, correction)
 
 
-def unjudged(
+def predicted_by_trees(
     features: Mapping[str, np.ndarray], residual: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
     """What boosted trees predict of a residual, [points], whether or not that is likely chance.
