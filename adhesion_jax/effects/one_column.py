@@ -165,6 +165,10 @@ class Threshold(ShapeTerm):
 
 _KNOTS = np.linspace(0.0, 1.0, 6)
 
+#: Prior standard deviation of a second difference of g over neighbouring knots, relative to that of
+#: g: where runs leave a gap in a column the spline goes on through it nearly straight.
+_BENDING = 0.2
+
 
 def _natural(u: Any) -> list[Any]:
     """The five functions of Eq. 5.4 and 5.5 beside the constant, u from 0 to 1."""
@@ -218,7 +222,8 @@ class Spline(ShapeTerm):
 
     @classmethod
     def at_places(cls) -> np.ndarray:
-        return (np.stack(_natural(_KNOTS), axis=1) - _MIDDLE) @ _TURNED
+        places = (np.stack(_natural(_KNOTS), axis=1) - _MIDDLE) @ _TURNED
+        return np.concatenate([places, np.diff(places, n=2, axis=0) / _BENDING])
 
     @classmethod
     def starts(cls, columns: Columns) -> list[ShapeTerm]:

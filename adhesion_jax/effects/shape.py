@@ -21,9 +21,10 @@ ACTS_ON = ("level", "slip", "fall", "offset", "shift")
 _SLIPS = np.geomspace(2e-3, 5.0, 48)
 _REACHES = (1.18, 1.03)
 
-#: Prior standard deviation of g at any place; exp(1.5) is a factor of 4.5. Where the data do not
-#: determine g (no slip beyond the peak at some value of a column) it stays near zero.
-_SPREAD = 1.5
+#: Prior standard deviation of g at any place, by what it acts on: exp(1.5) is a factor of 4.5; that
+#: of an offset is of adhesion, that of a shift of slip. Where the data do not determine g (no slip
+#: beyond the peak at some value of a column) it stays near zero.
+_SPREADS = {"level": 1.5, "slip": 1.5, "fall": 1.5, "offset": 0.3, "shift": 0.05}
 
 
 class ShapeTerm(Effect):
@@ -39,7 +40,10 @@ class ShapeTerm(Effect):
     @classmethod
     @abstractmethod
     def at_places(cls) -> np.ndarray:
-        """What each strength adds to g at places spread over the columns, [places, strengths]."""
+        """What each strength adds to what the prior takes to be near zero, [places, strengths].
+
+        That is g at places spread over the columns, and its bends if it may bend within a gap.
+        """
 
     @abstractmethod
     def log_factor(self, conditions: Conditions) -> Values:
@@ -60,10 +64,10 @@ def share_below(column: Values | float, mean: Scalar, spread: Scalar) -> Values:
 
 
 @cache
-def prior_precision(kind: type[ShapeTerm]) -> np.ndarray:
-    """Precision of the strengths [strengths, strengths]: g is N(0, _SPREAD^2) at its places."""
+def prior_precision(kind: type[ShapeTerm], acts_on: str) -> np.ndarray:
+    """Precision of the strengths [strengths, strengths]: g is N(0, spread^2) at its places."""
     places = kind.at_places()
-    return places.T @ places / _SPREAD**2
+    return places.T @ places / _SPREADS[acts_on] ** 2
 
 
 def shaped(
@@ -74,30 +78,30 @@ def shaped(
     bent = bent + exponents["shift"] if "shift" in exponents else bent
     adhesion = curve(bent)
     if "fall" in exponents:
-        adhesion = fallen(curve, bent, adhesion, exponents["fall"], peak_slips(curve, bent))
+        peak = peak_slips(lambda slip: curve(jnp.broadcast_to(slip, bent.shape)), bent)
+        adhesion = fallen(curve, bent, adhesion, exponents["fall"], peak)
     adhesion = adhesion * jnp.exp(exponents["level"]) if "level" in exponents else adhesion
     return adhesion + exponents["offset"] if "offset" in exponents else adhesion
 
 
 def peak_slips(curve: Callable[[Values], Values], like: Signal) -> Signal:
-    """Where the curve has its peak, of the shape of its conditions; infinity where it has none.
+    """Where the curve has its peak, of the shape of `like`; infinity where it has none.
 
-    The derivative of mu_max by a parameter is that at the place of the peak, which is itself taken
-    as given: there the curve is flat.
+    `curve` is asked for one slip of all points, where functions of the slip alone are computed
+    once, and for a slip of each. The derivative of mu_max by a parameter is that at the place of
+    the peak, which is itself taken as given: there the curve is flat.
     """
-
-    def seen_at(*places: Array) -> Array:
-        return jax.vmap(curve)(jnp.stack(places))
-
-    top = jnp.argmax(seen_at(*(at * jnp.ones_like(like) for at in _SLIPS)), axis=0)
+    at_each = jax.vmap(curve)
+    top = jnp.argmax(at_each(jnp.asarray(_SLIPS)), axis=0)
     place = jnp.asarray(_SLIPS)[top]
     for reach in _REACHES:
-        left, middle, right = seen_at(place / reach, place, place * reach)
+        left, middle, right = at_each(jnp.stack([place / reach, place, place * reach]))
         bend = left - 2 * middle + right
         offset = jnp.where(bend < 0, 0.5 * (left - right) / jnp.where(bend < 0, bend, -1.0), 0.0)
         place = place * reach ** jnp.clip(offset, -1.0, 1.0)
     inside = (top > 0) & (top < _SLIPS.size - 1)
-    return jax.lax.stop_gradient(jnp.where(inside, place, jnp.inf))
+    peak = jax.lax.stop_gradient(jnp.where(inside, place, jnp.inf))
+    return jnp.broadcast_to(peak, like.shape)
 
 
 def fallen(

@@ -13,7 +13,7 @@ from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.labels import MOST, NO_LABEL, labels_of
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.effects.saved import load_law, save_law
-from adhesion_jax.effects.shape import prior_precision
+from adhesion_jax.effects.shape import ACTS_ON, prior_precision
 
 RAIL = np.array([3.0, 0.0, 7.0, 3.0, 0.0, 7.0, 7.0])
 LEVELS = {0.0: 0.1, 3.0: -0.2, 7.0: 0.3}
@@ -61,8 +61,11 @@ def test_one_value_is_no_column_of_labels_and_two_are():
 
 
 def test_every_level_has_the_prior_of_its_own():
-    """Of N(0, 1.5^2) each, whatever the others are."""
-    np.testing.assert_allclose(prior_precision(Labels), np.eye(MOST) / 1.5**2)
+    """Of N(0, 1.5^2) each, whatever the others are; of an offset and a shift in their own units."""
+    spreads = {"level": 1.5, "slip": 1.5, "fall": 1.5, "offset": 0.3, "shift": 0.05}
+    for acts_on in ACTS_ON:
+        expected = np.eye(MOST) / spreads[acts_on] ** 2
+        np.testing.assert_allclose(prior_precision(Labels, acts_on), expected)
 
 
 @pytest.mark.parametrize("acts_on", ["level", "offset", "shift"])

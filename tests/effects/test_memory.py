@@ -71,4 +71,4 @@ def test_it_starts_from_the_median_and_the_spread_of_the_column():
     assert len({*times}) == len(times) > 1
     # The prior of g at 1.5 spreads away is N(0, 1.5^2), as of a line.
     places = np.linspace(-1.5, 1.5, 6)
-    np.testing.assert_allclose(prior_precision(Memory), [[(places**2).sum() / 1.5**2]])
+    np.testing.assert_allclose(prior_precision(Memory, "level"), [[(places**2).sum() / 1.5**2]])

@@ -5,8 +5,10 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 from discovery_campaigns import SIZE, setting_of
+from scipy.signal import lfilter
 
 from adhesion_jax.curves import BASES, CURVES
 from adhesion_jax.curves.bent import Bent
@@ -16,8 +18,9 @@ from adhesion_jax.discovery.model.packing import base_curve
 from adhesion_jax.effects import EFFECTS, KINDS, Covariate, kind_of
 from adhesion_jax.effects.conditions import Calendar
 from adhesion_jax.effects.law import CorrectedLaw, with_effects
+from adhesion_jax.effects.one_column import Spline
 from adhesion_jax.effects.saved import load_law, save_law
-from adhesion_jax.effects.shape import ACTS_ON
+from adhesion_jax.effects.shape import ACTS_ON, prior_precision
 from adhesion_jax.errors import InputError
 from experiments.campaigns.simulator import simulate
 
@@ -133,7 +136,7 @@ def test_derivatives_of_a_bent_curve_are_those_of_finite_differences(name, acts_
     found = np.asarray(jax.jacfwd(adhesion)(free))
     for place in range(free.size):
         step = 1e-5 * free[place]
-        moved = jnp.zeros_like(free).at[place].set(step)
+        moved = step * np.eye(free.size)[place]
         expected = np.asarray((adhesion(free + moved) - adhesion(free - moved)) / (2 * step))
         size = np.abs(expected).max()
         # Of the place of the peak there is no derivative: there the curve is flat, to the grid.
@@ -276,6 +279,67 @@ def test_the_compiled_program_predicts_what_the_law_does(setting, base):
     (found,) = raw_changes(model, [last])
     np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-12)
     assert np.abs(found - fitted.adhesion).max() > 0.02
+
+
+def at_knots(weights):
+    """g of a spline of these weights at its knots, a fifth of the data apart."""
+    below = np.array([1e-12, 0.2, 0.4, 0.6, 0.8, 1 - 1e-12])
+    z = np.log(below / (1 - below)) * 3**0.5 / np.pi
+    spline = Spline(*weights, 0.0, 1.0, column="z")
+    return np.asarray(spline.log_factor({"z": jnp.asarray(z)}))
+
+
+def test_the_prior_of_a_spline_holds_its_values_and_more_firmly_its_bends():
+    """By hand: a line in u has no second difference, b (u - .5)^2 has .08 b at each inner knot."""
+    u = np.linspace(0, 1, 6) - 0.5
+    each = np.stack([at_knots(one) for one in np.eye(5)], axis=1)
+    line, bow = (
+        np.linalg.lstsq(np.column_stack([each, np.ones(6)]), values, rcond=None)[0][:5]
+        for values in (u, u**2)
+    )
+    for acts_on, spread in (("fall", 1.5), ("shift", 0.05)):
+        precision = prior_precision(Spline, acts_on) * spread**2
+        assert line @ precision @ line == pytest.approx((u**2).sum(), rel=1e-6)
+        values = (at_knots(bow) ** 2).sum()
+        assert bow @ precision @ bow == pytest.approx(values + 4 * (0.08 / 0.2) ** 2, rel=1e-6)
+
+
+@pytest.mark.long
+def test_where_a_column_has_a_gap_a_spline_goes_on_through_it_nearly_straight():
+    """g = .6 (z/1000 - .5) of eight runs at z of 0 to 300 and 700 to 1000, in slow noise."""
+    slip = 1e-3 + 0.15 * np.abs(np.sin(np.linspace(0, 6, 150)))
+    peak = np.log(C1 * 60 / 0.5) / 60
+    clean, top = (C1 * (1 - np.exp(-60 * one)) - 0.5 * one for one in (slip, peak))
+    at = np.array([100.0, 300.0, 400.0, 600.0, 700.0, 900.0])
+    ends = (0, 120), (60, 200), (100, 260), (150, 300), (1000, 760), (950, 720), (900, 700)
+    off = []
+    for seed in range(5):
+        rng, runs = np.random.default_rng(seed), []
+        for run, (first, last) in enumerate([*ends, (980, 860)]):
+            z = np.linspace(first, last, 150)
+            fallen = top - (top - clean) * np.exp(0.6 * (z / 1000 - 0.5))
+            noise = lfilter([0.004], [1, -0.9], rng.standard_normal(150))
+            runs.append(
+                pd.DataFrame(
+                    {
+                        "time_s": 100 * run + 0.1 * np.arange(150),
+                        "run": run,
+                        "vehicle_speed_mps": 10.0,
+                        "slip_ratio": slip,
+                        "adhesion": np.where(slip > peak, fallen, clean) + noise,
+                        "position_m": z,
+                    }
+                )
+            )
+        setting = setting_of(pd.concat(runs))
+        (start,) = Spline.starts({"position_m": setting.problem.flat["position_m"]})
+        start = dataclasses.replace(start, acts_on="fall")
+        (spline,) = fit_model(setting, "burckhardt", (C1, 60.0, 0.5), [start]).effects
+        found = np.asarray(spline.log_factor({"position_m": jnp.asarray(at)}))
+        off.append(found - 0.6 * (at / 1000 - 0.5))
+    # Free to bend by 1.5 at any knot it would be off by .8 in the mean square.
+    assert np.sqrt(np.mean(np.square(off))) < 0.3
+    assert np.abs(off).max() < 0.7
 
 
 def test_what_a_term_acts_on_is_saved_with_the_law(tmp_path):

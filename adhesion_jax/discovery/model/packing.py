@@ -157,7 +157,7 @@ def pack(
             held = [
                 places.index(effect_places(slot, effect)[name]) for name in effect.FACTS.strengths
             ]
-            precision[np.ix_(held, held)] = prior_precision(type(effect))
+            precision[np.ix_(held, held)] = prior_precision(type(effect), effect.acts_on)
     padding = free - len(places)
     return Model(
         np.asarray(list(BASES).index(base)),

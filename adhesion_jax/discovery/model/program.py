@@ -92,7 +92,7 @@ def _adhesion(
 
 
 def _curve(model: Model, span: Array, slip: Array, conditions: Conditions) -> Array:
-    """The prediction of the curve without effects."""
+    """The prediction of the curve without effects, for each point; `slip` may be one for all."""
     departure = _departures(slip, _factors(model.values), span)
     bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
     return _straight(model, slip, conditions) * (1 + bend)
@@ -100,10 +100,11 @@ def _curve(model: Model, span: Array, slip: Array, conditions: Conditions) -> Ar
 
 def _straight(model: Model, slip: Array, conditions: Conditions) -> Array:
     """The prediction of the curve without effects and without its departure."""
+    shape = jnp.broadcast_shapes(slip.shape, *(column.shape for column in conditions.values()))
 
     def branch(curve: Curve) -> Callable[[Array], Array]:
         return lambda slip: with_free_values(curve, model.values[: len(curve.free)])(
-            slip, conditions
+            jnp.broadcast_to(slip, shape), conditions
         )
 
     return jax.lax.switch(model.base, [branch(curve) for curve in BASES.values()], slip)
