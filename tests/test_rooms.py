@@ -10,7 +10,7 @@ PACKAGE, EXPERIMENTS = HOME / "adhesion_jax", HOME / "experiments"
 
 #: From the ground up; what stands in one line does not import each other.
 STOREYS = (
-    ("errors", "wording", "keeping"),
+    ("errors", "wording", "keeping", "linear_algebra"),
     ("runtime", "options"),
     ("programs", "plugins"),
     ("files", "curves"),

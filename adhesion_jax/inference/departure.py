@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from adhesion_jax.curves.bent import FUNCTIONS
 from adhesion_jax.inference.sandwich import COSINES, grouped
 from adhesion_jax.inference.sums import Sums
+from adhesion_jax.linear_algebra import eigh
 
 #: Standard deviations of the factors, relative to the first: a curve without corners.
 _SMOOTH = (2 * np.arange(FUNCTIONS) + 1.0) ** -1.5
@@ -73,7 +74,7 @@ def departure_of(
     left = score - (found.matrix @ step) @ projected
     inflation = max(_scatter(left, cluster, ordered) / max(np.trace(even), 1e-300), 1.0)
 
-    values, vectors = np.linalg.eigh(even)
+    values, vectors = eigh(even)
     values = np.maximum(values, 0.0)
     square = (vectors.T @ whole) ** 2
     # Less the log likelihood of no departure: so a direction of which nothing is known has no part.

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from adhesion_jax.inference.sums import Sums
+from adhesion_jax.linear_algebra import eigh
 
 #: Number of cosines, slower than which noise is not told from the curve.
 COSINES = 4
@@ -150,7 +151,7 @@ def sandwich(
     root = np.zeros((width, width))
     own = information[used[:, None], used]
     scale = 1 / np.sqrt(np.maximum(np.diagonal(own), 1e-300))
-    values, vectors = np.linalg.eigh(own * scale[:, None] * scale)
+    values, vectors = eigh(own * scale[:, None] * scale)
     factors = 1 / np.sqrt(np.maximum(values, 1e-12))
     root[used[:, None], np.arange(used.size)] = vectors * scale[:, None] * factors
     matrix = root.T @ found.matrix @ root
@@ -172,7 +173,7 @@ def _clusters(matrix: np.ndarray, score: np.ndarray) -> Clusters:
     Bell and McCaffrey 2002, Survey Methodology 28:169-181; Pustejovsky and Tipton 2018, J. Bus.
     Econ. Stat. 36:672-683.
     """
-    leverage, vectors = np.linalg.eigh(matrix)
+    leverage, vectors = eigh(matrix)
     leverage = np.clip(leverage, 0.0, _MOST_LEVERAGE)
 
     def with_values(values: np.ndarray) -> np.ndarray:

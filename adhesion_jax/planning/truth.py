@@ -21,6 +21,7 @@ from adhesion_jax.curves import (
 from adhesion_jax.curves.bent import Bent
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.errors import InputError
+from adhesion_jax.linear_algebra import eigh
 from adhesion_jax.programs import kept
 from adhesion_jax.wording import listed
 
@@ -124,7 +125,7 @@ def standard_errors(
     For each plan the curvature of what a fit minimises, and the covariance of its gradient.
     """
     scale = np.sqrt(np.maximum(np.diagonal(curvature, axis1=1, axis2=2), 1e-300))[:, None]
-    values, vectors = np.linalg.eigh(curvature / (scale * scale.mT))
+    values, vectors = eigh(curvature / (scale * scale.mT))
     determined = values.min(axis=1, keepdims=True) > _ROUNDING
     values = np.where(determined, values, 1.0)[:, None]
     along = (peak.gradient / scale) @ vectors / values @ vectors.mT / scale

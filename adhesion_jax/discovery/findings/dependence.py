@@ -22,6 +22,7 @@ from adhesion_jax.discovery.search.trials import is_worth
 from adhesion_jax.discovery.types import BRAKING, Dependence
 from adhesion_jax.effects import Labels, Memory
 from adhesion_jax.effects.dynamic import Dynamic
+from adhesion_jax.linear_algebra import eigh
 
 #: Number of values of a column that are shown.
 _GRID = 80
@@ -108,7 +109,7 @@ class _Spread(NamedTuple):
 def _spread(state: Selection, seed: int) -> _Spread:
     fitted, model = state.fitted, _model(state)
     free, places = len(fitted.places), list(fitted.places)
-    values, vectors = np.linalg.eigh(covariance(fitted))
+    values, vectors = eigh(covariance(fitted))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     noise = np.random.default_rng([seed, 23]).standard_normal((_DRAWS, free))
     drawn, near = (np.tile(fitted.values, (1 + count, 1)) for count in (_DRAWS, free))

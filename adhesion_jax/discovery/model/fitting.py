@@ -21,6 +21,7 @@ from adhesion_jax.discovery.model.problem import Data, Problem
 from adhesion_jax.discovery.model.program import PROBES, changes, fit
 from adhesion_jax.effects import Covariate, Effect
 from adhesion_jax.inference.sums import TUNING
+from adhesion_jax.linear_algebra import eigh
 
 #: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
 #: of a curve alone, which takes a third of the time without slots. The last has room for what is
@@ -293,7 +294,7 @@ def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """H^-1 g, [..., free], without directions that the data do not determine."""
     diagonal = np.diagonal(hessian, axis1=-2, axis2=-1)
     scale = np.sqrt(np.maximum(diagonal, 1e-300))
-    values, vectors = np.linalg.eigh(hessian / (scale[..., :, None] * scale[..., None, :]))
+    values, vectors = eigh(hessian / (scale[..., :, None] * scale[..., None, :]))
     kept = values > DETERMINED
     along = np.einsum("...kl,...k->...l", vectors, gradient / scale)
     shares = np.where(kept, along / np.where(kept, values, 1.0), 0.0)

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 
 from adhesion_jax.discovery.model.fitting import DETERMINED, Fitted, levels_of, solve
+from adhesion_jax.linear_algebra import eigh
 
 #: Largest number of folds of the cross-validation; of fewer runs each is a fold.
 _FOLDS = 40
@@ -71,14 +72,14 @@ def _predicted(fitted: Fitted) -> np.ndarray:
         loss = loss + (gradient + 0.5 * moved) @ step
         gradient = gradient + moved
     scale = 1 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    values, vectors = np.linalg.eigh(whole * scale[:, None] * scale)
+    values, vectors = eigh(whole * scale[:, None] * scale)
     kept = values > DETERMINED * values.max(initial=0.0)
     root = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
     within = root.T @ hessian @ root
     # If a single run determines a parameter, its gradient is zero at the minimum. A fit that only
     # came near leaves some gradient, which the last step would remove: it is subtracted.
     left = np.einsum("rkl,l->rk", within, gradient.sum(0) @ root)
-    shares, axes = np.linalg.eigh(within)
+    shares, axes = eigh(within)
     along = np.einsum("rkl,rk->rl", axes, gradient @ root - left)
     free = 1 - np.clip(shares, 0.0, 1 - 1e-6)
     return loss + 0.5 * (along**2 / free - np.log(free)).sum(axis=1)

@@ -100,7 +100,7 @@ def _curve(model: Model, span: Array, slip: Array, conditions: Conditions) -> Ar
 
 def _straight(model: Model, slip: Array, conditions: Conditions) -> Array:
     """The prediction of the curve without effects and without its departure."""
-    shape = jnp.broadcast_shapes(slip.shape, *(column.shape for column in conditions.values()))
+    shape = jnp.broadcast_shapes(slip.shape, *map(jnp.shape, conditions.values()))
 
     def branch(curve: Curve) -> Callable[[Array], Array]:
         return lambda slip: with_free_values(curve, model.values[: len(curve.free)])(
