@@ -36,15 +36,17 @@ def heights(spline, strengths):
 
 @pytest.mark.thorough
 def test_a_fit_with_a_term_is_the_maximum_of_its_posterior(cold):
-    """With N(0, 1.5^2) for the function at each knot, by sums over all points.
+    """With N(0, 1.5^2) for the function at each knot, and N(0, .3^2) for its second differences.
 
-    So have the factors of the departure spreads of their own.
+    The factors of the departure have spreads of their own; the sums are over all points.
     """
     fitted, start = cold
     free = fitted.values[list(fitted.places)]
     basis = np.stack([heights(start, unit) for unit in np.eye(5)], axis=1)
     bends = factor_spreads(fitted.setting.problem)
-    precision = linalg.block_diag(np.zeros((3, 3)), np.diag(bends**-2), basis.T @ basis / 1.5**2)
+    bowed = basis[:-2] - 2 * basis[1:-1] + basis[2:]
+    of_spline = basis.T @ basis / 1.5**2 + bowed.T @ bowed / 0.3**2
+    precision = linalg.block_diag(np.zeros((3, 3)), np.diag(bends**-2), of_spline)
     jacobian = fitted.jacobian.reshape(fitted.jacobian.shape[0], -1)
     slope = jacobian @ fitted.residual.ravel() + precision @ free
     hessian = jacobian @ jacobian.T + precision
