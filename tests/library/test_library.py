@@ -299,7 +299,8 @@ def test_several_tables_and_a_test():
     assert runs.names == ("table 1:1", "table 2:1")
     assert to_runs(library.reading.all_of(RIG)).names == ("1",)
     judged = aj.discover(RIG, RIG)
-    assert list(judged.errors["data"]) == ["training", "cross-validation", "test"]
+    on_the_test = ["test", "test, trees for comparison"]
+    assert list(judged.errors["data"]) == ["training", "cross-validation", *on_the_test]
     assert len(judged.predictions) == len(RIG)
 
 
