@@ -1,4 +1,4 @@
-"""Steps of linear algebra that must not fail, whatever the numbers."""
+"""Eigenvalues of symmetric matrices, also where the usual method does not converge."""
 
 import numpy as np
 import scipy

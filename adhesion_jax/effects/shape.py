@@ -40,9 +40,10 @@ class ShapeTerm(Effect):
     @classmethod
     @abstractmethod
     def at_places(cls) -> np.ndarray:
-        """What each strength adds to what the prior takes to be near zero, [places, strengths].
+        """What each strength adds to all that the prior holds near zero, [places, strengths].
 
-        That is g at places spread over the columns, and its bends if it may bend within a gap.
+        That is g at places spread over the columns; of a form that may swing in a gap between them
+        also the second differences of g, each over its prior standard deviation relative to g's.
         """
 
     @abstractmethod
@@ -65,7 +66,10 @@ def share_below(column: Values | float, mean: Scalar, spread: Scalar) -> Values:
 
 @cache
 def prior_precision(kind: type[ShapeTerm], acts_on: str) -> np.ndarray:
-    """Precision of the strengths [strengths, strengths]: g is N(0, spread^2) at its places."""
+    """Precision of the strengths [strengths, strengths] of a kind of term.
+
+    All of `at_places` is N(0, s^2), s the one of `_SPREADS` of what the term acts on.
+    """
     places = kind.at_places()
     return places.T @ places / _SPREADS[acts_on] ** 2
 

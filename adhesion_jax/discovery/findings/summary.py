@@ -181,8 +181,8 @@ def _on_test(
     """Errors of the law on a test set, and of the trees on top of it; the predictions of its rows.
 
     The predictions have one line for each row that is used of the test files, by run, with what was
-    measured there. The errors are those of the runs of the test set, and those of blocks
-    of its only run where blocks take the place of runs in training too.
+    measured there. The errors are those of the runs of the test set, and those of blocks of its
+    only run where blocks take the place of runs in training too.
     """
     if test is None:
         return None, None, None
