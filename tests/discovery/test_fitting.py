@@ -27,13 +27,20 @@ from adhesion_jax.discovery.model.fitting import (
     changes_of,
     covariance,
     fit_model,
+    in_order,
     nearly_fitted,
     quantile,
     size_of,
     slope_of,
     weighed,
 )
-from adhesion_jax.discovery.model.packing import base_curve, pack
+from adhesion_jax.discovery.model.packing import (
+    base_curve,
+    base_places,
+    effect_places,
+    pack,
+    unpack,
+)
 from adhesion_jax.discovery.model.prediction import (
     Gain,
     expected_loss,
@@ -41,7 +48,8 @@ from adhesion_jax.discovery.model.prediction import (
     gain_of,
     held_out_loss,
 )
-from adhesion_jax.effects import Covariate
+from adhesion_jax.discovery.model.program import fit
+from adhesion_jax.effects import EFFECTS, Covariate, Labels, Spline
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.inference.sums import TUNING
 
@@ -572,6 +580,55 @@ def test_the_jacobian_of_a_curve_alone_is_that_of_finite_differences(table, base
         slope = (seen(values + step) - seen(values - step)) / (2 * step[place])
         size = np.abs(root * slope).max()
         assert fitted.jacobian[place] == pytest.approx(root * slope, abs=1e-6 * size)
+
+
+def every_way():
+    """Terms of all that a column may act on, and causes before, in and after the contact."""
+    shape = [Covariate(0.1, 0.0, 0.6, column="warm", acts_on=one) for one in ("slip", "fall")]
+    small = [Covariate(0.004, 0.0, 0.6, column="warm", acts_on=one) for one in ("shift", "offset")]
+    (labels,) = Labels.starts({"warm": np.arange(3.0)})
+    spline, *_ = Spline.starts({"warm": np.linspace(-1, 1, 50)})
+    creep = EFFECTS["lateral_creep"](gain=0.5, offset=0.3)
+    causes = EFFECTS["slip_bias"](bias=0.002), EFFECTS["torque_offset"](offset=0.01)
+    lag = EFFECTS["lag"](time_constant=0.2)
+    return creep, *causes, *shape, *small, spline, lag, labels
+
+
+@pytest.mark.parametrize("base", ["burckhardt", "kiencke", "level"])
+def test_the_jacobian_beside_effects_is_that_of_finite_differences_of_the_law(table, base):
+    """Of a curve of few and of many parameters, whatever stands between one and the adhesion."""
+    place = table.groupby("run").cumcount()
+    lateral = 0.01 * np.sin(table["run"])
+    timed = table.assign(time_s=0.1 * place + 100.0 * table["run"], lateral_measure=lateral)
+    setting, effects = setting_of(timed), in_order(every_way())
+    draw = np.random.default_rng(4)
+    start = [*BASES[base].starts(0.3)[0], *draw.normal(0, 0.01, 2 * BELOW_EFFECTS)]
+    fitted = fit_model(setting, base, start, effects, np.inf)
+    problem = setting.problem
+    data, inside = problem.data, setting.root > 0
+    conditions = {**data.conditions, **dict(zip(problem.columns, data.columns, strict=False))}
+
+    def seen(values):
+        law = base_curve(base, values[base_places(base)], np.asarray(data.span))
+        worn = unpack(values, effects)
+        predict = jax.vmap(lambda slip, given: with_effects(law, worn, slip, given))
+        return (setting.root * np.asarray(predict(data.slip, conditions)))[inside]
+
+    assert (setting.root * fitted.adhesion)[inside] == pytest.approx(seen(fitted.values))
+    model = pack(problem, base, start, effects, size_of(base, effects))
+    *_, jacobian = fit(model, data, setting.root, np.asarray(np.inf))
+    assert len(jacobian) > len(fitted.places)
+    assert not np.any(jacobian[len(fitted.places) :])
+    own = [effect_places(slot, effect).values() for slot, effect in enumerate(effects)]
+    assert {place for places in own for place in places} <= {*fitted.places}
+    for row, place in zip(fitted.jacobian, fitted.places, strict=True):
+        step = np.zeros(fitted.values.size)
+        step[place] = 1e-6 * max(abs(fitted.values[place]), 0.01)
+        slope = (seen(fitted.values + step) - seen(fitted.values - step)) / (2 * step[place])
+        off, size = np.abs(row[inside] - slope), np.abs(slope).max()
+        # The derivative of the place of the peak is left out, and a step may carry a point past it.
+        assert np.quantile(off, 0.98) <= 2e-3 * size
+        assert off.max() <= 0.05 * size
 
 
 def test_models_beside_each_other_have_each_the_peak_of_its_own_curve():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, campaign, curve, state_of
 
-from adhesion_jax.discovery.model.fitting import has_room, size_of, slope_of
+from adhesion_jax.discovery.model.fitting import size_of, slope_of
 from adhesion_jax.discovery.search.catalogue import entry_of
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.refinement import (
@@ -148,32 +148,24 @@ def test_a_form_that_is_right_is_left_as_it_is(null):
     assert better.fitted.values.tolist() == state.fitted.values.tolist()
 
 
-def test_a_model_that_fills_its_program_grows_no_further(quiet):
+def test_a_model_may_grow_beyond_any_program(quiet):
+    """Thirty lines over a column that moves nothing leave the slope and every candidate there."""
     problem = quiet.setting.problem
     entries = [entry_of("humidity", EFFECTS["humidity"].starts(problem.flat), problem)]
-    line = Covariate(0.1, 0.0, 1.0, column="position_m", acts_on="level")
-    # Twelve effects are the most, and 144 parameters: 37 are the curve's and its departure's.
-    assert has_room([line] * 11, line)
-    assert not has_room([line] * 12, line)
-    (start,) = Labels.starts({"axle": np.arange(3.0)})
-    assert has_room([start] * 7, start)
-    assert not has_room([start] * 8, start)
-    null = null_of(quiet.fitted)
-    assert screen([([null], entries)], seed=0)
-    full = null._replace(fitted=quiet.fitted._replace(effects=(line,) * 12))
-    assert screen([([full], entries)], seed=0) == ()
-
-
-def test_a_full_model_has_room_for_what_is_put_beside_it(quiet):
-    """Constants of offset and shift, three lines that are tested as one, and a probe."""
     line = Covariate(0.0, 0.0, 1.0, column="position_m", acts_on="level")
     (start,) = Labels.starts({"axle": np.arange(3.0)})
-    constants = [Constant(0.0, acts_on=acts_on) for acts_on in ("offset", "shift")]
-    for full in ((line,) * 12, (start,) * 8):
-        assert size_of("burckhardt", (*full, *constants, line, line, line, line))
-    # Lines that do nothing leave the slope that the curve has alone.
-    crowded = quiet.fitted._replace(effects=(line,) * 12)
+    for effects in ((line,) * 30, (start,) * 12):
+        slots, parameters = size_of("burckhardt", effects)
+        strengths = sum(len(effect.FACTS.strengths) for effect in effects)
+        # 37 are the curve's and its departure's.
+        assert slots >= len(effects)
+        assert parameters >= 37 + strengths
+    crowded = quiet.fitted._replace(effects=(line,) * 30)
     np.testing.assert_allclose(slope_of(crowded), slope_of(quiet.fitted), atol=1e-6)
+    null = null_of(quiet.fitted)
+    (alone,) = screen([([null], entries)], seed=0)
+    (beside,) = screen([([null._replace(fitted=crowded)], entries)], seed=0)
+    assert beside.z == pytest.approx(alone.z, abs=1e-6)
 
 
 def row(name, p, gain, decision="explains less", number=1, z=5.0):

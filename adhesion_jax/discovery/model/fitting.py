@@ -1,6 +1,6 @@
 """Robust weighted least squares of a curve with effects, and what is known of its parameters."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -23,10 +23,12 @@ from adhesion_jax.effects import Covariate, Effect
 from adhesion_jax.inference.sums import TUNING
 from adhesion_jax.linear_algebra import eigh
 
-#: Sizes of the program: (slots, free parameters). Each is compiled when it is needed. Most fits are
-#: of a curve alone, which takes a third of the time without slots. The last has room for what is
-#: put beside the effects of any model: constants, lines that are tested as one, a probe.
-_SIZES = ((0, 48), (6, 72), (12, 144), (18, 192))
+#: Free parameters of the program of a curve alone, which most fits are of: without slots for
+#: effects it takes a third of the time. And those of the others beside what each has of slots.
+_ALONE, _BESIDE = 48, 24
+
+#: Slots and free parameters by which the next larger program grows.
+_SLOTS, _PARAMETERS = 6, 48
 
 #: If the curvature along each parameter is scaled to one, the data do not determine a direction
 #: whose curvature is below this.
@@ -263,19 +265,16 @@ def side_by_side(task: Callable[[A], Fitted], items: Sequence[A]) -> list[Fitted
 
 
 def size_of(base: str, effects: Sequence[Effect]) -> tuple[int, int]:
-    """The size of the smallest program for such a model; `has_room` says whether there is one."""
-    return next(_sizes(len(BASES[base].free), effects))
+    """The slots and free parameters of the smallest program for a model, which may be of any size.
 
-
-def has_room(effects: Sequence[Effect], new: Effect) -> bool:
-    """Whether a model may have one more effect, whatever the base curve."""
-    free = max(len(curve.free) for curve in BASES.values())
-    return any(size in _SIZES[:-1] for size in _sizes(free, (*effects, new)))
-
-
-def _sizes(free: int, effects: Sequence[Effect]) -> Iterator[tuple[int, int]]:
-    parameters = free + 2 * BELOW_EFFECTS + sum(len(effect_places(0, effect)) for effect in effects)
-    return (size for size in _SIZES if len(effects) <= size[0] and parameters <= size[1])
+    Each is compiled when it is needed.
+    """
+    if not effects:
+        return 0, _ALONE
+    parameters = sum(len(effect_places(0, effect)) for effect in effects)
+    parameters += len(BASES[base].free) + 2 * BELOW_EFFECTS
+    times = max(-(-len(effects) // _SLOTS), -(-(parameters - _BESIDE) // _PARAMETERS))
+    return _SLOTS * times, _BESIDE + _PARAMETERS * times
 
 
 def in_order(effects: Sequence[Effect]) -> tuple[Effect, ...]:

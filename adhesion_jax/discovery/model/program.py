@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,33 +23,57 @@ PROBES = 16
 #: Largest number of steps of a fit.
 _STEPS = 400
 
-#: Number of parameters whose derivatives are taken together, sharing the transcendental functions;
-#: the numbers of parameters of the program's sizes are multiples of it.
-_TOGETHER = 24
+#: Number of parameters whose derivatives are taken together, of all causes and of one term.
+_TOGETHER, _OF_TERM = 24, 6
+
+#: Numbers that are added on the way from the parameters to the adhesion, by their place: to the
+#: departure at the slip of a point and at that of the peak, to the slip, and to each of the sums
+#: that the terms of the shape make. A model has zeros there; derivatives by them are wanted.
+_AT_SLIP, _AT_PEAK, _OF_SLIP, _OF_SUMS = 0, 1, 2, 3
+_ADDED = _OF_SUMS + len(ACTS_ON)
 
 
-def _adhesion(
+class _Stages(NamedTuple):
+    """How a model predicts one run, in stages; together they are equal to `law.with_effects`.
+
+    All but `at` are functions of the values of the model first.
+    """
+
+    used: Array  # the number of slots up to the last effect: empty ones take no time
+    acts: Array  # whether any cause acts on the adhesion
+    term: Callable[[Array, Array], Array]  # g of the term of the shape in a slot, else 0
+    sums: Callable[[Array], Array]  # of the terms, by what they act on
+    bent: Callable[[Array], Array]  # the slip after the causes that bend it
+    at: Callable[[Array, Array], Array]  # that at which the curve is evaluated, of bent and sums
+    contact: Callable[[Array, Array, Array, Array], Array]  # adhesion, of bent, sums, what is added
+    caused: Callable[[Array, Array], Array]  # the adhesion after the causes that act on it
+
+
+def _stages(
     model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
-) -> Float[Array, " points"]:
-    """The prediction of a model for one run, equal to that of `law.with_effects`."""
+) -> _Stages:
     kind, places = model.kind, layout()
-    if not kind.size:
-        return _curve(model, span, slip, conditions)
-    parameters = model.values[places.base : -1].reshape(kind.size, places.effect)
-    # The loops end at the last effect: empty slots take no time.
-    used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
+
+    def branches(names: Sequence[str]) -> tuple[Array, Array, Array]:
+        """The branch of each slot, and the first and the end of the slots that have one."""
+        which, slots = places.branches(names)[kind], jnp.arange(kind.size)
+        first = jnp.min(jnp.where(which > 0, slots, kind.size))
+        return which, first, jnp.max(jnp.where(which > 0, slots + 1, 0))
 
     def acting(
         names: Sequence[str],
+        which: Array,
+        values: Array,
         slot: Array,
         acts: Callable[[Any, Conditions, Array], Array],
         value: Array,
     ) -> Array:
         """What the effect in a slot makes of a value, if it is one of these; else the value."""
+        own = values[places.base : -1].reshape(kind.size, places.effect)[slot]
 
         def branch(name: str) -> Callable[[Array], Array]:
             def act(value: Array) -> Array:
-                named, own = KINDS[name], parameters[slot]
+                named = KINDS[name]
                 numbers = {key: own[place] for place, key in enumerate(named.FACTS.parameters)}
                 words = dict(zip(words_of(named), ("first", "second"), strict=False))
                 effect: Any = named(**numbers, **words)
@@ -58,44 +82,103 @@ def _adhesion(
 
             return act
 
-        which = layout().branches(names)[kind[slot]]
-        return jax.lax.switch(which, [lambda value: value, *map(branch, names)], value)
+        return jax.lax.switch(which[slot], [lambda value: value, *map(branch, names)], value)
 
-    def shape(slot: Array, sums: Array) -> Array:
-        nothing = jnp.zeros_like(slip)
+    nothing = jnp.zeros_like(slip)
+    used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
+    shape, _, _ = branches(places.shapes)
+    bending, first_bending, end_bending = branches(places.bending)
+    causes, first_cause, end_cause = branches(places.causes)
+
+    def term(values: Array, slot: Array) -> Array:
         # A constant has no shape of its own.
-        own = acting(places.shapes, slot, lambda one, seen, to: to + one.log_factor(seen), nothing)
-        return sums.at[model.column[slot, 2]].add(own)
-
-    def before(turn: Array, bent: Array) -> Array:
-        slot = used - 1 - turn
-        return acting(places.bending, slot, lambda one, seen, bent: one.before(bent, seen), bent)
-
-    def after(slot: Array, adhesion: Array) -> Array:
         return acting(
-            places.causes, slot, lambda one, seen, mu: one.after(mu, slip, seen), adhesion
+            places.shapes,
+            shape,
+            values,
+            slot,
+            lambda one, seen, to: to + one.log_factor(seen),
+            nothing,
         )
 
-    def curve(slip: Array) -> Array:
+    def sums(values: Array) -> Array:
+        def add(slot: Array, sums: Array) -> Array:
+            return sums.at[model.column[slot, 2]].add(term(values, slot))
+
+        return jax.lax.fori_loop(0, used, add, jnp.zeros((len(ACTS_ON), slip.size)))
+
+    def bent(values: Array) -> Array:
+        def before(turn: Array, bent: Array) -> Array:
+            slot = end_bending - 1 - turn
+            return acting(
+                places.bending,
+                bending,
+                values,
+                slot,
+                lambda one, seen, bent: one.before(bent, seen),
+                bent,
+            )
+
+        return jax.lax.fori_loop(0, end_bending - first_bending, before, slip)
+
+    def at(bent: Array, sums: Array) -> Array:
+        return bent * jnp.exp(sums[ACTS_ON.index("slip")]) + sums[ACTS_ON.index("shift")]
+
+    def contact(values: Array, bent: Array, sums: Array, added: Array) -> Array:
+        sums = sums + added[_OF_SUMS:, None]
+        level, _, fall, offset, _ = sums
+        place = at(bent + added[_OF_SLIP], sums)
+
+        def curve(place: Array, more: Array) -> Array:
+            return _curve(model._replace(values=values), span, place, conditions, more)
+
+        adhesion = jax.lax.cond(
+            _falls(model),
+            lambda adhesion: fallen(
+                lambda slip: curve(slip, added[_AT_PEAK]), place, adhesion, fall, peak
+            ),
+            lambda plain: plain,
+            curve(place, added[_AT_SLIP]),
+        )
+        return adhesion * jnp.exp(level) + offset
+
+    def caused(values: Array, adhesion: Array) -> Array:
+        def after(slot: Array, adhesion: Array) -> Array:
+            return acting(
+                places.causes,
+                causes,
+                values,
+                slot,
+                lambda one, seen, mu: one.after(mu, slip, seen),
+                adhesion,
+            )
+
+        return jax.lax.fori_loop(first_cause, end_cause, after, adhesion)
+
+    return _Stages(used, end_cause > first_cause, term, sums, bent, at, contact, caused)
+
+
+def _adhesion(
+    model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
+) -> Float[Array, " points"]:
+    """The prediction of a model for one run."""
+    if not model.kind.size:
         return _curve(model, span, slip, conditions)
-
-    sums = jax.lax.fori_loop(0, used, shape, jnp.zeros((len(ACTS_ON), slip.size)))
-    level, stretch, fall, offset, shift = sums
-    bent = jax.lax.fori_loop(0, used, before, slip) * jnp.exp(stretch) + shift
-    adhesion = jax.lax.cond(
-        _falls(model),
-        lambda adhesion: fallen(curve, bent, adhesion, fall, peak),
-        lambda plain: plain,
-        curve(bent),
-    )
-    return jax.lax.fori_loop(0, used, after, adhesion * jnp.exp(level) + offset)
+    stages, values = _stages(model, span, slip, conditions, columns, peak), model.values
+    adhesion = stages.contact(values, stages.bent(values), stages.sums(values), jnp.zeros(_ADDED))
+    return stages.caused(values, adhesion)
 
 
-def _curve(model: Model, span: Array, slip: Array, conditions: Conditions) -> Array:
-    """The prediction of the curve without effects, for each point; `slip` may be one for all."""
+def _curve(
+    model: Model, span: Array, slip: Array, conditions: Conditions, more: Array | float = 0.0
+) -> Array:
+    """The prediction of the curve without effects, for each point; `slip` may be one for all.
+
+    `more` is added to its departure.
+    """
     departure = _departures(slip, _factors(model.values), span)
     bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
-    return _straight(model, slip, conditions) * (1 + bend)
+    return _straight(model, slip, conditions) * (1 + bend + more)
 
 
 def _straight(model: Model, slip: Array, conditions: Conditions) -> Array:
@@ -161,11 +244,17 @@ def _peaks(
     )
 
 
+def _over_runs(
+    of_run: Callable[..., Any], model: Model, data: Data, peaks: Float[Array, "runs points"]
+) -> Any:
+    run = partial(of_run, model, data.span)
+    return jax.vmap(run, in_axes=(0, 0, 1, 0))(data.slip, data.conditions, data.columns, peaks)
+
+
 def _predict(
     model: Model, data: Data, peaks: Float[Array, "runs points"]
 ) -> Float[Array, "runs points"]:
-    run = partial(_adhesion, model, data.span)
-    return jax.vmap(run, in_axes=(0, 0, 1, 0))(data.slip, data.conditions, data.columns, peaks)
+    return _over_runs(_adhesion, model, data, peaks)
 
 
 def _with_jacobian(
@@ -176,26 +265,84 @@ def _with_jacobian(
         adhesion, jacobian = _of_curve_alone(model, data)
         return adhesion, root * (adhesion - data.adhesion), root * jacobian
     peaks = _peaks(model, data, _falls(model), jnp.full_like(data.slip, jnp.inf))
-    values = model.values
+    adhesion, jacobian = _over_runs(_of_run, model, data, peaks)
+    jacobian = jnp.moveaxis(jacobian, 1, 0)
+    return adhesion, root * (adhesion - data.adhesion), root * jacobian
 
-    def push(tangent: Array) -> tuple[Array, Array]:
-        adhesion, change = jax.jvp(
-            lambda v: _predict(model._replace(values=v), data, peaks), (values,), (tangent,)
-        )
-        return adhesion, root * change
 
-    def some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+def _of_run(
+    model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
+) -> tuple[Array, Array]:
+    """Prediction and Jacobian [free, points] of one run.
+
+    Adhesion in the contact depends on most parameters through the departure at two slips and
+    through the sums of the terms of the shape alone. Its derivatives by these are taken once, and
+    those of a departure or a term by its own parameters are cheap.
+    """
+    stages = _stages(model, span, slip, conditions, columns, peak)
+    values, free, places = model.values, model.free, layout()
+    sums, bent = stages.sums(values), stages.bent(values)
+
+    def contact(curve: Array, added: Array) -> Array:
+        return stages.contact(values.at[: places.curve].set(curve), bent, sums, added)
+
+    def along(of_curve: Array, of_added: Array) -> tuple[Array, Array]:
+        here = values[: places.curve], jnp.zeros(_ADDED)
+        return jax.jvp(contact, here, (of_curve, of_added))
+
+    units = jnp.split(jnp.eye(places.curve + _ADDED), [places.curve], axis=1)
+    adhesion, slopes = jax.vmap(along, out_axes=(None, 0))(*units)
+    by_curve, by_added = slopes[: places.curve], slopes[places.curve :]
+    at = stages.at(bent, sums)
+    shape, at_peak = (
+        functions(some, span[0], span[1], BELOW_EFFECTS).T
+        for some in (at, jnp.minimum(peak, span[1]))
+    )
+    of_traction = by_added[_AT_SLIP] * shape
+    by_factors = of_traction + by_added[_AT_PEAK] * at_peak, jnp.where(at < 0, of_traction, 0.0)
+    of_base = jnp.concatenate([by_curve, *by_factors])
+    first = free[: places.base]
+    of_base = jnp.where((first < places.base)[:, None], of_base[first.clip(max=places.base - 1)], 0)
+    # A loop may write some rows too many, which the next one or the end overwrites.
+    rows = jnp.zeros((free.size + _OF_TERM, slip.size)).at[: places.base].set(of_base)
+    free = jnp.pad(free, (0, _OF_TERM), constant_values=values.size - 1)
+
+    def steps_of(first: Array, count: int) -> Array:
+        return jax.nn.one_hot(jax.lax.dynamic_slice_in_dim(free, first, count), values.size)
+
+    def of_slot(slot: Array, rows: Array) -> Array:
+        begin = places.base + slot * places.effect
+        own = (free >= begin) & (free < begin + places.effect)
+        by_sum = by_added[_OF_SUMS + model.column[slot, 2]]
+
+        def some(turn: Array, rows: Array) -> Array:
+            first = jnp.argmax(own) + turn * _OF_TERM
+
+            def moved(step: Array) -> Array:
+                _, of_term = jax.jvp(lambda values: stages.term(values, slot), (values,), (step,))
+                _, of_slip = jax.jvp(stages.bent, (values,), (step,))
+                return by_sum * of_term + by_added[_OF_SLIP] * of_slip
+
+            found = jax.vmap(moved)(steps_of(first, _OF_TERM))
+            return jax.lax.dynamic_update_slice_in_dim(rows, found, first, 0)
+
+        return jax.lax.fori_loop(0, -(-jnp.sum(own) // _OF_TERM), some, rows)
+
+    def through(turn: Array, rows: Array) -> Array:
+        """Some rows after the causes that act on the adhesion."""
         first = turn * _TOGETHER
-        places = jax.lax.dynamic_slice_in_dim(model.free, first, _TOGETHER)
-        tangents = jax.nn.one_hot(places, values.size)
-        adhesion, changes = jax.vmap(push, out_axes=(None, 0))(tangents)
-        return adhesion, jax.lax.dynamic_update_slice_in_dim(found[1], changes, first, 0)
 
-    # Some parameters at a time, so that the arrays stay in the cache, and without the padding.
-    free = jnp.sum(model.free != values.size - 1)
-    nothing = jnp.zeros_like(data.slip), jnp.zeros((model.free.size, *data.slip.shape))
-    adhesion, jacobian = jax.lax.fori_loop(0, -(-free // _TOGETHER), some, nothing)
-    return adhesion, root * (adhesion - data.adhesion), jacobian
+        def moved(step: Array, row: Array) -> Array:
+            return jax.jvp(stages.caused, (values, adhesion), (step, row))[1]
+
+        some = jax.lax.dynamic_slice_in_dim(rows, first, _TOGETHER)
+        found = jax.vmap(moved)(steps_of(first, _TOGETHER), some)
+        return jax.lax.dynamic_update_slice_in_dim(rows, found, first, 0)
+
+    rows = jax.lax.fori_loop(0, stages.used, of_slot, rows)[: model.free.size]
+    turns = -(-jnp.sum(free != values.size - 1) // _TOGETHER)
+    rows = jax.lax.fori_loop(0, jnp.where(stages.acts, turns, 0), through, rows)
+    return stages.caused(values, adhesion), rows
 
 
 def _of_curve_alone(model: Model, data: Data) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from scipy.ndimage import median_filter
 
-from adhesion_jax.discovery.model.fitting import Fitted, has_room
+from adhesion_jax.discovery.model.fitting import Fitted
 from adhesion_jax.discovery.model.problem import Problem
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import entry_of
@@ -60,8 +60,7 @@ def waves(null: Null, taken: Sequence[str], seed: int) -> list[Score]:
         start = kind.of_frequency(frequency)
         entry = entry_of(name, [start], problem)
         z, unknown = float(scipy.stats.norm.isf(p)), np.zeros(0)
-        if has_room(null.fitted.effects, start):
-            found.append(Score(entry, start, z, p, np.nan, unknown, unknown))
+        found.append(Score(entry, start, z, p, np.nan, unknown, unknown))
     return found
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc, fdtrc, ndtr, ndtri
 
-from adhesion_jax.discovery.model.fitting import has_room
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.search.probes import (
@@ -115,12 +114,7 @@ def screen(parts: Sequence[tuple[Sequence[Null], Sequence[Entry]]], seed: int) -
     largest = np.full(FLIPS, -np.inf)
     tested: list[Score] = []
     for nulls, entries in parts:
-        starts = [
-            (entry, start)
-            for entry in entries
-            for start in entry.starts
-            if has_room(nulls[0].fitted.effects, start)
-        ]
+        starts = [(entry, start) for entry in entries for start in entry.starts]
         for group in _groups(starts):
             probes, owner = split([start for _, start in group])
             changes = signals(nulls[0], probes)
