@@ -33,7 +33,7 @@ from adhesion_jax.discovery.search.catalogue import Entry, library_of
 from adhesion_jax.discovery.search.screening import least_p
 from adhesion_jax.discovery.search.second_opinion import import_trees, known_of, second_opinion
 from adhesion_jax.discovery.search.selection import nominated, search
-from adhesion_jax.discovery.search.state import Selection
+from adhesion_jax.discovery.search.state import MOST_FORMS, Selection
 from adhesion_jax.discovery.types import Findings, Opinion
 from adhesion_jax.effects.conditions import calendar_of
 from adhesion_jax.errors import InputError
@@ -117,7 +117,8 @@ def discover(
     progress("asking for a second opinion", 0.85)
     final, opinion = _with_opinion(final, entries, seed, same)
     warnings = [*runs.warnings, *_condensing_words(runs, blocks), *_test_words(runs, test)]
-    warnings += [*same.values(), *_few_runs(problem), *_smoothing_words(course)]
+    warnings += [*same.values(), *_few_runs(problem), *_full_words(final)]
+    warnings += _smoothing_words(course)
     if correct and (opinion is None or opinion.correction is None):
         warnings.append(f"No correction by boosted trees was made: {_without_trees(final)}")
     progress("measuring the errors", 0.95)
@@ -247,6 +248,16 @@ def _few_runs(problem: Problem) -> list[str]:
     return [
         f"There are {runs} runs. What acts alike in all of them cannot be told from chance, since "
         f"no p can be below {least:.2g}: no effect can be claimed. Eight runs or more could."
+    ]
+
+
+def _full_words(final: Selection) -> list[str]:
+    """That the search ended before it had looked for all that may be there."""
+    if not final.full:
+        return []
+    return [
+        f"The law consists of {len(final.fitted.effects)} forms, and a search adds none beyond "
+        f"{MOST_FORMS}: further columns may have an effect that was not looked for."
     ]
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from discovery_campaigns import SIZE, campaign, curve, state_of
 
+from adhesion_jax.discovery.engine import _full_words
 from adhesion_jax.discovery.model.fitting import size_of, slope_of
-from adhesion_jax.discovery.search.catalogue import entry_of
+from adhesion_jax.discovery.search.catalogue import entry_of, library_of
 from adhesion_jax.discovery.search.probes import null_of
 from adhesion_jax.discovery.search.refinement import (
     _harmonics,
@@ -18,11 +19,18 @@ from adhesion_jax.discovery.search.refinement import (
     refined,
 )
 from adhesion_jax.discovery.search.screening import screen
-from adhesion_jax.discovery.search.selection import undecided
-from adhesion_jax.discovery.search.state import Accepted, slots_of, with_constants, with_parts
-from adhesion_jax.discovery.types import Candidate
+from adhesion_jax.discovery.search.selection import nominated, search, undecided
+from adhesion_jax.discovery.search.state import (
+    MOST_FORMS,
+    Accepted,
+    slots_of,
+    with_constants,
+    with_parts,
+)
+from adhesion_jax.discovery.types import Candidate, Opinion
 from adhesion_jax.effects import EFFECTS, Constant, Covariate, Interaction, Labels, Periodic
 from adhesion_jax.effects.shape import ACTS_ON
+from adhesion_jax.runtime import silent
 from experiments.campaigns.simulator import simulate
 
 LENGTH = 20.0
@@ -166,6 +174,24 @@ def test_a_model_may_grow_beyond_any_program(quiet):
     (alone,) = screen([([null], entries)], seed=0)
     (beside,) = screen([([null._replace(fitted=crowded)], entries)], seed=0)
     assert beside.z == pytest.approx(alone.z, abs=1e-6)
+
+
+def test_nothing_is_added_to_a_full_law_and_that_is_said(square):
+    """Though the wave of that law lacks harmonics, which a law of one form less would be given."""
+    nothing = Covariate(0.0, 0.0, 1.0, column="position_m", acts_on="level")
+
+    def with_forms(count):
+        return square._replace(fitted=square.fitted._replace(effects=(nothing,) * count))
+
+    full = with_forms(MOST_FORMS)
+    entries = library_of(square.setting.problem)
+    assert search(full, entries, 0, silent) is full
+    assert nominated(full, entries, Opinion(0.5, 0.1, 1e-9, ("position_m",)), 0) is full
+    assert refined(full, 0) is full
+    (words,) = _full_words(full)
+    assert "consists of 18 forms" in words
+    assert "not looked for" in words
+    assert _full_words(with_forms(MOST_FORMS - 1)) == []
 
 
 def row(name, p, gain, decision="explains less", number=1, z=5.0):

@@ -1,19 +1,30 @@
 """One program for every model, a curve and slots for effects of any kind, and its least squares."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from adhesion_jax.curves import BASES, Conditions, Curve, with_free_values
+from adhesion_jax.curves import Conditions
 from adhesion_jax.curves.bent import BELOW_EFFECTS, functions
-from adhesion_jax.discovery.model.packing import Model, layout, parts, words_of
+from adhesion_jax.discovery.model.packing import Model, layout, parts
 from adhesion_jax.discovery.model.problem import Data
-from adhesion_jax.effects import KINDS
-from adhesion_jax.effects.shape import ACTS_ON, fallen, peak_slips
+from adhesion_jax.discovery.model.stages import (
+    ADDED,
+    AT_PEAK,
+    AT_SLIP,
+    OF_SLIP,
+    OF_SUMS,
+    curve_of,
+    factors_of,
+    falls,
+    stages_of,
+    straight_of,
+)
+from adhesion_jax.effects.shape import peak_slips
 from adhesion_jax.optim.levenberg_marquardt import Local, Search, advance, arrived, begin
 from adhesion_jax.programs import kept
 
@@ -26,208 +37,16 @@ _STEPS = 400
 #: Number of parameters whose derivatives are taken together, of all causes and of one term.
 _TOGETHER, _OF_TERM = 24, 6
 
-#: Numbers that are added on the way from the parameters to the adhesion, by their place: to the
-#: departure at the slip of a point and at that of the peak, to the slip, and to each of the sums
-#: that the terms of the shape make. A model has zeros there; derivatives by them are wanted.
-_AT_SLIP, _AT_PEAK, _OF_SLIP, _OF_SUMS = 0, 1, 2, 3
-_ADDED = _OF_SUMS + len(ACTS_ON)
-
-
-class _Stages(NamedTuple):
-    """How a model predicts one run, in stages; together they are equal to `law.with_effects`.
-
-    All but `at` are functions of the values of the model first.
-    """
-
-    used: Array  # the number of slots up to the last effect: empty ones take no time
-    acts: Array  # whether any cause acts on the adhesion
-    term: Callable[[Array, Array], Array]  # g of the term of the shape in a slot, else 0
-    sums: Callable[[Array], Array]  # of the terms, by what they act on
-    bent: Callable[[Array], Array]  # the slip after the causes that bend it
-    at: Callable[[Array, Array], Array]  # that at which the curve is evaluated, of bent and sums
-    contact: Callable[[Array, Array, Array, Array], Array]  # adhesion, of bent, sums, what is added
-    caused: Callable[[Array, Array], Array]  # the adhesion after the causes that act on it
-
-
-def _stages(
-    model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
-) -> _Stages:
-    kind, places = model.kind, layout()
-
-    def branches(names: Sequence[str]) -> tuple[Array, Array, Array]:
-        """The branch of each slot, and the first and the end of the slots that have one."""
-        which, slots = places.branches(names)[kind], jnp.arange(kind.size)
-        first = jnp.min(jnp.where(which > 0, slots, kind.size))
-        return which, first, jnp.max(jnp.where(which > 0, slots + 1, 0))
-
-    def acting(
-        names: Sequence[str],
-        which: Array,
-        values: Array,
-        slot: Array,
-        acts: Callable[[Any, Conditions, Array], Array],
-        value: Array,
-    ) -> Array:
-        """What the effect in a slot makes of a value, if it is one of these; else the value."""
-        own = values[places.base : -1].reshape(kind.size, places.effect)[slot]
-
-        def branch(name: str) -> Callable[[Array], Array]:
-            def act(value: Array) -> Array:
-                named = KINDS[name]
-                numbers = {key: own[place] for place, key in enumerate(named.FACTS.parameters)}
-                words = dict(zip(words_of(named), ("first", "second"), strict=False))
-                effect: Any = named(**numbers, **words)
-                first, second = (columns[model.column[slot, place]] for place in (0, 1))
-                return acts(effect, {**conditions, "first": first, "second": second}, value)
-
-            return act
-
-        return jax.lax.switch(which[slot], [lambda value: value, *map(branch, names)], value)
-
-    nothing = jnp.zeros_like(slip)
-    used = jnp.max(jnp.where(kind > 0, jnp.arange(kind.size) + 1, 0))
-    shape, _, _ = branches(places.shapes)
-    bending, first_bending, end_bending = branches(places.bending)
-    causes, first_cause, end_cause = branches(places.causes)
-
-    def term(values: Array, slot: Array) -> Array:
-        # A constant has no shape of its own.
-        return acting(
-            places.shapes,
-            shape,
-            values,
-            slot,
-            lambda one, seen, to: to + one.log_factor(seen),
-            nothing,
-        )
-
-    def sums(values: Array) -> Array:
-        def add(slot: Array, sums: Array) -> Array:
-            return sums.at[model.column[slot, 2]].add(term(values, slot))
-
-        return jax.lax.fori_loop(0, used, add, jnp.zeros((len(ACTS_ON), slip.size)))
-
-    def bent(values: Array) -> Array:
-        def before(turn: Array, bent: Array) -> Array:
-            slot = end_bending - 1 - turn
-            return acting(
-                places.bending,
-                bending,
-                values,
-                slot,
-                lambda one, seen, bent: one.before(bent, seen),
-                bent,
-            )
-
-        return jax.lax.fori_loop(0, end_bending - first_bending, before, slip)
-
-    def at(bent: Array, sums: Array) -> Array:
-        return bent * jnp.exp(sums[ACTS_ON.index("slip")]) + sums[ACTS_ON.index("shift")]
-
-    def contact(values: Array, bent: Array, sums: Array, added: Array) -> Array:
-        sums = sums + added[_OF_SUMS:, None]
-        level, _, fall, offset, _ = sums
-        place = at(bent + added[_OF_SLIP], sums)
-
-        def curve(place: Array, more: Array) -> Array:
-            return _curve(model._replace(values=values), span, place, conditions, more)
-
-        adhesion = jax.lax.cond(
-            _falls(model),
-            lambda adhesion: fallen(
-                lambda slip: curve(slip, added[_AT_PEAK]), place, adhesion, fall, peak
-            ),
-            lambda plain: plain,
-            curve(place, added[_AT_SLIP]),
-        )
-        return adhesion * jnp.exp(level) + offset
-
-    def caused(values: Array, adhesion: Array) -> Array:
-        def after(slot: Array, adhesion: Array) -> Array:
-            return acting(
-                places.causes,
-                causes,
-                values,
-                slot,
-                lambda one, seen, mu: one.after(mu, slip, seen),
-                adhesion,
-            )
-
-        return jax.lax.fori_loop(first_cause, end_cause, after, adhesion)
-
-    return _Stages(used, end_cause > first_cause, term, sums, bent, at, contact, caused)
-
 
 def _adhesion(
     model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
 ) -> Float[Array, " points"]:
     """The prediction of a model for one run."""
     if not model.kind.size:
-        return _curve(model, span, slip, conditions)
-    stages, values = _stages(model, span, slip, conditions, columns, peak), model.values
-    adhesion = stages.contact(values, stages.bent(values), stages.sums(values), jnp.zeros(_ADDED))
+        return curve_of(model, span, slip, conditions)
+    stages, values = stages_of(model, span, slip, conditions, columns, peak), model.values
+    adhesion = stages.contact(values, stages.bent(values), stages.sums(values), jnp.zeros(ADDED))
     return stages.caused(values, adhesion)
-
-
-def _curve(
-    model: Model, span: Array, slip: Array, conditions: Conditions, more: Array | float = 0.0
-) -> Array:
-    """The prediction of the curve without effects, for each point; `slip` may be one for all.
-
-    `more` is added to its departure.
-    """
-    departure = _departures(slip, _factors(model.values), span)
-    bend = departure[..., 0] + jnp.where(slip < 0, departure[..., 1], 0.0)
-    return _straight(model, slip, conditions) * (1 + bend + more)
-
-
-def _straight(model: Model, slip: Array, conditions: Conditions) -> Array:
-    """The prediction of the curve without effects and without its departure."""
-    shape = jnp.broadcast_shapes(slip.shape, *map(jnp.shape, conditions.values()))
-
-    def branch(curve: Curve) -> Callable[[Array], Array]:
-        return lambda slip: with_free_values(curve, model.values[: len(curve.free)])(
-            jnp.broadcast_to(slip, shape), conditions
-        )
-
-    return jax.lax.switch(model.base, [branch(curve) for curve in BASES.values()], slip)
-
-
-def _factors(values: Array) -> Float[Array, "two functions"]:
-    return values[layout().curve : layout().base].reshape(2, BELOW_EFFECTS)
-
-
-@jax.custom_jvp
-def _departures(
-    slip: Float[Array, "*shape"], factors: Float[Array, "two functions"], span: Float[Array, " two"]
-) -> Float[Array, "*shape two"]:
-    """The departure, and what braking adds to it."""
-    return functions(slip, span[0], span[1], BELOW_EFFECTS) @ factors.T
-
-
-@_departures.defjvp
-def _(
-    primals: tuple[Array, Array, Array], tangents: tuple[Array, Array, Array]
-) -> tuple[Array, Array]:
-    """With the slopes over slip summed before they meet a tangent.
-
-    A tangent of the slip has then one product a point and not one for each function, which took
-    four fifths of the time of a fit.
-    """
-    slip, factors, span = primals
-    along, of_factors, _ = tangents
-    shape, slopes = jax.jvp(
-        lambda slip: functions(slip, span[0], span[1], BELOW_EFFECTS),
-        (slip,),
-        (jnp.ones_like(slip),),
-    )
-    change = (slopes @ factors.T) * along[..., None] + shape @ of_factors.T
-    return shape @ factors.T, change
-
-
-def _falls(models: Model) -> Bool[Array, ""]:
-    """Whether a term acts on the fall of the curve, of one model or of any of several."""
-    return jnp.any((models.kind > 0) & (models.column[..., 2] == ACTS_ON.index("fall")))
 
 
 def _peaks(
@@ -237,7 +56,7 @@ def _peaks(
     return jax.lax.cond(
         asked,
         lambda _: peak_slips(
-            lambda slip: _curve(model, data.span, slip, data.conditions), data.slip
+            lambda slip: curve_of(model, data.span, slip, data.conditions), data.slip
         ),
         lambda others: others,
         others,
@@ -264,7 +83,7 @@ def _with_jacobian(
     if not model.kind.size:
         adhesion, jacobian = _of_curve_alone(model, data)
         return adhesion, root * (adhesion - data.adhesion), root * jacobian
-    peaks = _peaks(model, data, _falls(model), jnp.full_like(data.slip, jnp.inf))
+    peaks = _peaks(model, data, falls(model), jnp.full_like(data.slip, jnp.inf))
     adhesion, jacobian = _over_runs(_of_run, model, data, peaks)
     jacobian = jnp.moveaxis(jacobian, 1, 0)
     return adhesion, root * (adhesion - data.adhesion), root * jacobian
@@ -279,7 +98,7 @@ def _of_run(
     through the sums of the terms of the shape alone. Its derivatives by these are taken once, and
     those of a departure or a term by its own parameters are cheap.
     """
-    stages = _stages(model, span, slip, conditions, columns, peak)
+    stages = stages_of(model, span, slip, conditions, columns, peak)
     values, free, places = model.values, model.free, layout()
     sums, bent = stages.sums(values), stages.bent(values)
 
@@ -287,10 +106,10 @@ def _of_run(
         return stages.contact(values.at[: places.curve].set(curve), bent, sums, added)
 
     def along(of_curve: Array, of_added: Array) -> tuple[Array, Array]:
-        here = values[: places.curve], jnp.zeros(_ADDED)
+        here = values[: places.curve], jnp.zeros(ADDED)
         return jax.jvp(contact, here, (of_curve, of_added))
 
-    units = jnp.split(jnp.eye(places.curve + _ADDED), [places.curve], axis=1)
+    units = jnp.split(jnp.eye(places.curve + ADDED), [places.curve], axis=1)
     adhesion, slopes = jax.vmap(along, out_axes=(None, 0))(*units)
     by_curve, by_added = slopes[: places.curve], slopes[places.curve :]
     at = stages.at(bent, sums)
@@ -298,8 +117,8 @@ def _of_run(
         functions(some, span[0], span[1], BELOW_EFFECTS).T
         for some in (at, jnp.minimum(peak, span[1]))
     )
-    of_traction = by_added[_AT_SLIP] * shape
-    by_factors = of_traction + by_added[_AT_PEAK] * at_peak, jnp.where(at < 0, of_traction, 0.0)
+    of_traction = by_added[AT_SLIP] * shape
+    by_factors = of_traction + by_added[AT_PEAK] * at_peak, jnp.where(at < 0, of_traction, 0.0)
     of_base = jnp.concatenate([by_curve, *by_factors])
     first = free[: places.base]
     of_base = jnp.where((first < places.base)[:, None], of_base[first.clip(max=places.base - 1)], 0)
@@ -313,7 +132,7 @@ def _of_run(
     def of_slot(slot: Array, rows: Array) -> Array:
         begin = places.base + slot * places.effect
         own = (free >= begin) & (free < begin + places.effect)
-        by_sum = by_added[_OF_SUMS + model.column[slot, 2]]
+        by_sum = by_added[OF_SUMS + model.column[slot, 2]]
 
         def some(turn: Array, rows: Array) -> Array:
             first = jnp.argmax(own) + turn * _OF_TERM
@@ -321,7 +140,7 @@ def _of_run(
             def moved(step: Array) -> Array:
                 _, of_term = jax.jvp(lambda values: stages.term(values, slot), (values,), (step,))
                 _, of_slip = jax.jvp(stages.bent, (values,), (step,))
-                return by_sum * of_term + by_added[_OF_SLIP] * of_slip
+                return by_sum * of_term + by_added[OF_SLIP] * of_slip
 
             found = jax.vmap(moved)(steps_of(first, _OF_TERM))
             return jax.lax.dynamic_update_slice_in_dim(rows, found, first, 0)
@@ -349,12 +168,12 @@ def _of_curve_alone(model: Model, data: Data) -> tuple[Array, Array]:
     """Prediction and Jacobian of a curve without effects, linear in the factors of a departure."""
     count = layout().curve
     straight, push = jax.linearize(
-        lambda v: _straight(model._replace(values=v), data.slip, data.conditions),
+        lambda v: straight_of(model._replace(values=v), data.slip, data.conditions),
         model.values[:count],
     )
     shape = jnp.moveaxis(functions(data.slip, data.span[0], data.span[1], BELOW_EFFECTS), -1, 0)
     both = jnp.stack([shape, jnp.where(data.slip < 0, shape, 0.0)])
-    bent = 1 + jnp.einsum("bk,bkrt->rt", _factors(model.values), both)
+    bent = 1 + jnp.einsum("bk,bkrt->rt", factors_of(model.values), both)
     of_curve = bent * jax.vmap(push)(jnp.eye(count))
     of_factors = straight * both.reshape(-1, *data.slip.shape)
     padding = jnp.zeros((1, *data.slip.shape))
@@ -367,14 +186,14 @@ def changes(
     models: Model, count: Int[Any, ""], data: Data, now: Array
 ) -> Float[Array, "models runs points"]:
     """The predictions of the first `count` of the models, less the prediction `now`; then zeros."""
-    falls = _falls(models)
+    falling = falls(models)
 
     def change(place: Array, known: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         found, before, peaks = known
         model = jax.tree.map(lambda leaf: leaf[place], models)
         # Models of one curve share its peak, which takes longer than all the rest.
         curve = model.values[: layout().base]
-        peaks = _peaks(model, data, falls & jnp.any(curve != before), peaks)
+        peaks = _peaks(model, data, falling & jnp.any(curve != before), peaks)
         return found.at[place].set(_predict(model, data, peaks) - now), curve, peaks
 
     nothing = jnp.zeros((PROBES, *now.shape))

@@ -49,7 +49,7 @@ def refined(state: Selection, seed: int) -> Selection:
     slots = slots_of(state.accepted)
     parts = len(slots)
     for number in range(len(state.accepted)):
-        while len(state.accepted[number].parts) < rules.MOST_PARTS:
+        while len(state.accepted[number].parts) < rules.MOST_PARTS and not state.full:
             chosen = _part_more(state, number, seed)
             if chosen is None:
                 break

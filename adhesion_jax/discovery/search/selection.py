@@ -55,6 +55,8 @@ def search(
     `entries` are the candidates, and `progress` is called with words and the share of the whole.
     """
     for number in range(rules.MOST_ROUNDS):
+        if state.full:
+            return state
         share = 0.6 * number / rules.MOST_ROUNDS
         progress(f"looking for effect {number + 1}", 0.1 + share)
         nulls = _nulls(state, beside(state, entries))
@@ -86,6 +88,8 @@ def nominated(state: Selection, entries: Sequence[Entry], opinion: Opinion, seed
     left to be found, which signs of few runs may not tell from chance among all that the search
     looks at. Without a form that lowers the expected loss enough it is the state itself.
     """
+    if state.full:
+        return state
     problem, names = state.setting.problem, {*opinion.columns}
     own = [name for effect in state.accepted for name in effect.covariates]
     forms = [entry for entry in _open(entries, state) if names & {*entry.covariates}]

@@ -8,6 +8,10 @@ from adhesion_jax.discovery.search.catalogue import Entry
 from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Constant, Effect, ShapeTerm
 
+#: Largest number of forms of a law, all parts of all effects, to limit the time: a search adds none
+#: where there are as many.
+MOST_FORMS = 18
+
 #: What no curve has a constant of, since each passes through the origin.
 _AT_THE_ORIGIN = ("offset", "shift")
 
@@ -50,6 +54,11 @@ class Selection(NamedTuple):
     def setting(self) -> Setting:
         """The data, and the weights by what the model leaves."""
         return self.fitted.setting
+
+    @property
+    def full(self) -> bool:
+        """Whether the law has as many forms as a search may give it."""
+        return len(self.fitted.effects) >= MOST_FORMS
 
 
 #: A part of an effect: the number of the effect among those accepted, and that of the part in it.
