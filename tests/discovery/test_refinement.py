@@ -189,7 +189,7 @@ def test_nothing_is_added_to_a_full_law_and_that_is_said(square):
     assert nominated(full, entries, Opinion(0.5, 0.1, 1e-9, ("position_m",)), 0) is full
     assert refined(full, 0) is full
     (words,) = _full_words(full)
-    assert "consists of 18 forms" in words
+    assert "consists of 12 forms" in words
     assert "not looked for" in words
     assert _full_words(with_forms(MOST_FORMS - 1)) == []
 
