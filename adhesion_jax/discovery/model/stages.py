@@ -40,6 +40,11 @@ class Stages(NamedTuple):
 def stages_of(
     model: Model, span: Array, slip: Array, conditions: Conditions, columns: Array, peak: Array
 ) -> Stages:
+    """The stages of a model for one run.
+
+    `slip`, `conditions` and `columns` are those of its points, and `peak` is the slip of the
+    curve's peak at each; `span` is the reach of the departure and the largest slip of all points.
+    """
     kind, places = model.kind, layout()
     slots, nothing = jnp.arange(kind.size), jnp.zeros_like(slip)
 

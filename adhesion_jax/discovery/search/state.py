@@ -9,8 +9,8 @@ from adhesion_jax.discovery.types import Candidate
 from adhesion_jax.effects import Constant, Effect, ShapeTerm
 
 #: Largest number of forms of a law, all parts of all effects: a search adds none where there are as
-#: many. By hand, to limit the time: with 18 that of 20,000 rows of a tyre rig took three times as
-#: long.
+#: many. By hand, to limit the time: with 18 that of 20,000 rows of a tyre rig took more than three
+#: times as long.
 MOST_FORMS = 12
 
 #: What no curve has a constant of, since each passes through the origin.
