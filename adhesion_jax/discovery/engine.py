@@ -256,8 +256,8 @@ def _full_words(final: Selection) -> list[str]:
     if not final.full:
         return []
     return [
-        f"The law consists of {len(final.fitted.effects)} forms, and a search adds none beyond "
-        f"{MOST_FORMS}: further columns may have an effect that was not looked for."
+        f"The law consists of {len(final.fitted.effects)} forms, and to a law of {MOST_FORMS} or "
+        "more a search adds none: further columns may have an effect that was not looked for."
     ]
 
 

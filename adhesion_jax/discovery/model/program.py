@@ -34,7 +34,8 @@ PROBES = 16
 #: Largest number of steps of a fit.
 _STEPS = 400
 
-#: Number of parameters whose derivatives are taken together, of all causes and of one term.
+#: Number of parameters whose derivatives are taken together, of all causes and of one term. The
+#: numbers of free parameters of the programs are multiples of the first.
 _TOGETHER, _OF_TERM = 24, 6
 
 
