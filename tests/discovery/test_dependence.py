@@ -11,7 +11,7 @@ from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.search.state import Accepted, Selection
-from adhesion_jax.effects import EFFECTS, Covariate, Labels, Memory
+from adhesion_jax.effects import EFFECTS, Constant, Covariate, Labels, Memory, Threshold
 
 
 def test_of_labels_only_the_labels_are_shown_and_by_their_names():
@@ -80,6 +80,30 @@ def test_the_band_of_a_line_is_that_of_its_slope():
     ends = np.sort([slope.low * away, slope.high * away], axis=0)
     np.testing.assert_allclose(np.log([shown.low, shown.high]), ends, atol=1e-6)
     assert 0.005 < slope.high - slope.low < 0.05
+
+
+@pytest.mark.parametrize("width", [1e-12, 0.05])
+def test_an_offset_is_shown_where_adhesion_is_largest_and_a_sharp_step_has_a_narrow_band(width):
+    """Where a step lies between two values of a column no point tells, nor how wide it is."""
+    draw = np.random.default_rng(12)
+    table = campaign(draw)
+    table["worn"] = (table["run"] % 3 == 0).astype(float)
+    added = 0.03 * table["worn"].to_numpy()
+    table["adhesion"] = curve(table["slip_ratio"]) + added + noise(draw, sigma=0.002)
+    step = Threshold(0.0, 0.5, width, 0.0, column="worn", acts_on="offset")
+    parts = step, Constant(0.0, acts_on="offset")
+    name = "covariate:worn"
+    effect = Accepted(name, (name,), "worn", True, ("worn",), parts, p=0.0005, gain=90.0)
+    state = state_of(table, effect)
+    (shown,) = dependences(state, seed=0)
+    slips = np.quantile(table["slip_ratio"].abs(), np.linspace(0.02, 0.98, 17))
+    assert shown.at_slip == pytest.approx(slips[curve(slips).argmax()], rel=1e-6)
+    level = curve(shown.at_slip)
+    ratio = shown.factor[-1] / shown.factor[0]
+    assert ratio == pytest.approx((level + 0.03) / level, rel=0.01)
+    assert (shown.high / shown.low < 1.1).all()
+    (told,) = found_effects(state, errors(np.ones(9), np.ones(9), np.ones(9), 0))
+    assert {*told.parameters} == {"k", "constant on the offset k"}
 
 
 def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():

@@ -325,6 +325,24 @@ def test_the_covariance_is_that_of_the_jackknife_over_runs(fitted, scatter):
     assert quantile(known) == pytest.approx(stats.t.ppf(0.975, 8))
 
 
+@pytest.mark.parametrize("dust", [0.0, 1e-140])
+def test_a_parameter_that_changes_nothing_leaves_the_others_their_covariance(fitted, dust):
+    """The place of a step between the values of a column; derivatives may be all but nothing."""
+    x, y = linear(scatter=2.0)
+    _, known = of_linear(fitted, x, y)
+    without = covariance(known)
+    more = np.concatenate([x, dust * x[:, :, :1] ** 2], axis=2)
+    filled = known._replace(
+        places=(*known.places, len(known.places)),
+        gradient=np.einsum("rtk,rt->rk", more, known.residual),
+        hessian=np.einsum("rtk,rtl->rkl", more, more),
+    )
+    found = covariance(filled)
+    np.testing.assert_allclose(found[:-1, :-1], without, rtol=1e-8)
+    assert (found[-1] == 0).all()
+    assert (found[:, -1] == 0).all()
+
+
 @pytest.mark.thorough
 def test_intervals_of_a_linear_model_cover_though_levels_scatter(fitted):
     """Of 600 sets in which one column is constant within runs, 95 % to 2.5 standard errors."""

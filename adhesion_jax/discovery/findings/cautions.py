@@ -11,7 +11,7 @@ from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.data.runs import RunSet
 from adhesion_jax.discovery.model.fitting import nearly_fitted
-from adhesion_jax.discovery.model.packing import words_of
+from adhesion_jax.discovery.model.packing import columns_of
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
 from adhesion_jax.discovery.search import rules
 from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
@@ -154,7 +154,7 @@ def extrapolated(
     used |= {*BASES[state.base].NEEDS}
     # A covariate is what was measured: that of a drift is the time or the run, as is that of a lag.
     used |= {name for part in law.effects for name in part.FACTS.needs}
-    used |= {getattr(part, word) for part in law.effects for word in words_of(type(part))}
+    used |= {column for part in law.effects for column in columns_of(part)}
     found = []
     for condition in sorted(used & set(law.ranges) & set(whole)):
         name, start, length = condition, 0.0, 1.0

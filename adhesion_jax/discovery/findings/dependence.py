@@ -36,6 +36,9 @@ _SECONDS = 10.0
 #: Number of slips, quantiles of those measured, of which the dependence of a curve is shown at one.
 _SLIPS = 17
 
+#: Adhesion changes about most where it changes by at least this share of the largest change.
+_ABOUT_MOST = 0.9
+
 #: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
@@ -124,8 +127,9 @@ def _over(
 ) -> Dependence:
     """The dependence on a column, the others at their medians unless they are functions of it.
 
-    What acts on the shape of the curve is shown at the slip at which adhesion changes most. One of
-    labels has no values between them, and one with a memory has each value for a whole run.
+    What acts on the shape of the curve is shown where adhesion is largest, of the slips at which it
+    changes about most: an offset changes it alike at all. One of labels has no values between them,
+    and one with a memory has each value for a whole run.
     """
     problem = state.setting.problem
     shape = problem.points.shape
@@ -153,11 +157,14 @@ def _over(
     acts_on = {getattr(part, "acts_on", "level") for part in effect.parts}
     if acts_on != {"level"} and column not in ("slip_ratio", "slip_velocity_mps"):
 
-        def change(slip: float) -> float:
+        def change(slip: float) -> tuple[float, float, float]:
             columns = {**moved, "slip_ratio": np.full(shape, slip)}
-            return float(np.ptp(_adhesion(state, parts, spread.near[:1], columns)))
+            adhesion = _adhesion(state, parts, spread.near[:1], columns)
+            return float(np.ptp(adhesion)), float(np.abs(adhesion).mean()), slip
 
-        slip = max(_slips(problem), key=change)
+        changes = [change(slip) for slip in _slips(problem)]
+        much = _ABOUT_MOST * max(changes)[0]
+        slip = max((one for one in changes if one[0] >= much), key=lambda one: one[1])[2]
         moved["slip_ratio"] = np.full(shape, slip)
     factors = _factors(state, parts, spread.near, moved)
     factors = (factors[:, :, 0] if steady else factors.reshape(len(factors), -1))[:, : grid.size]

@@ -13,6 +13,7 @@ from adhesion_jax.curves.bent import BELOW_EFFECTS
 from adhesion_jax.discovery.model.packing import (
     Model,
     base_places,
+    columns_of,
     effect_places,
     pack,
     unpack,
@@ -33,6 +34,10 @@ _SLOTS, _PARAMETERS = 6, 48
 #: If the curvature along each parameter is scaled to one, the data do not determine a direction
 #: whose curvature is below this.
 DETERMINED = 1e-7
+
+#: Curvature along a parameter below which it is held: no bound of any is further off than 1e12, and
+#: so far it changes the loss by less than the number above.
+_FELT = DETERMINED / 1e24
 
 #: A fit ends where a step promises to lower its loss by no more than this share of it.
 _PRECISE, _NEAR = 1e-9, 1e-5
@@ -292,29 +297,48 @@ def strengths_of(fitted: Fitted, slot: int) -> list[int]:
 def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """H^-1 g, [..., free], without directions that the data do not determine."""
     diagonal = np.diagonal(hessian, axis1=-2, axis2=-1)
-    scale = np.sqrt(np.maximum(diagonal, 1e-300))
-    values, vectors = eigh(hessian / (scale[..., :, None] * scale[..., None, :]))
+    scale = np.where(diagonal > _FELT, 1 / np.sqrt(np.maximum(diagonal, _FELT)), 0.0)
+    values, vectors = eigh(hessian * (scale[..., :, None] * scale[..., None, :]))
     kept = values > DETERMINED
-    along = np.einsum("...kl,...k->...l", vectors, gradient / scale)
+    along = np.einsum("...kl,...k->...l", vectors, gradient * scale)
     shares = np.where(kept, along / np.where(kept, values, 1.0), 0.0)
-    return np.einsum("...kl,...l->...k", vectors, shares) / scale
+    return np.einsum("...kl,...l->...k", vectors, shares) * scale
+
+
+def told(fitted: Fitted) -> np.ndarray:
+    """Whether the data tell anything of each free parameter, [free].
+
+    They tell nothing of a value of a column whose standard error, all others known, is beyond the
+    range of the column: a step may lie anywhere between two values, and be as wide.
+    """
+    problem = fitted.setting.problem
+    least = np.full(len(fitted.places), _FELT)
+    for slot, effect in enumerate(fitted.effects):
+        for name, place in effect_places(slot, effect).items():
+            if effect.FACTS.parameters[name].unit == "column" and place in fitted.places:
+                column = problem.data.columns[problem.columns.index(columns_of(effect)[0])]
+                least[fitted.places.index(place)] = np.ptp(column[problem.points > 0]) ** -2.0
+    return np.diag(fitted.hessian.sum(0)) > least
 
 
 def covariance(fitted: Fitted) -> np.ndarray:
     """Covariance of the free parameters, robust to differences between runs, [free, free].
 
     The sandwich H^-1 (sum of g_i g_i') H^-1 over runs, each run with the gradient that it has when
-    the parameters are fitted without it (CR3: MacKinnon and White 1985, J. Econometrics 29).
+    the parameters are fitted without it (CR3: MacKinnon and White 1985, J. Econometrics 29). Of a
+    parameter that the data tell nothing of it is 0.
     """
     runs = np.flatnonzero(np.abs(fitted.hessian).sum((1, 2)) > 0)
-    whole = fitted.hessian.sum(0)
+    free = told(fitted)
+    hessian, gradient = fitted.hessian * (free[:, None] & free), fitted.gradient * free
+    whole = hessian.sum(0)
     if runs.size < 2:
-        return solve(whole, np.eye(len(fitted.places)))
-    others = whole - fitted.hessian[runs]
-    steps = solve(others, fitted.gradient[runs])
+        return solve(whole, np.diag(1.0 * free))
+    others = whole - hessian[runs]
+    steps = solve(others, gradient[runs])
     # Where one run determines a parameter the others tell nothing of it: no step beyond that of
     # the fit to all runs counts.
-    plain = solve(np.broadcast_to(whole, others.shape), fitted.gradient[runs])
+    plain = solve(np.broadcast_to(whole, others.shape), gradient[runs])
     steps = np.where(np.isfinite(steps), steps, plain)
     return steps.T @ steps * (runs.size - 1) / runs.size
 

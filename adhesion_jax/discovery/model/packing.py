@@ -73,6 +73,11 @@ def layout() -> Layout:
     return _of_parts(tuple(map(id, parts())))
 
 
+def columns_of(effect: Effect) -> list[str]:
+    """The columns that an effect names."""
+    return [getattr(effect, name) for name in words_of(type(effect))]
+
+
 @cache
 def words_of(kind: type[Effect]) -> tuple[str, ...]:
     """The fields of an effect that name columns."""
@@ -142,7 +147,7 @@ def pack(
     precision[bent, bent] = sizes**-2.0
     for slot, effect in enumerate(effects):
         kind[slot] = 1 + [*KINDS.values()].index(type(effect))
-        named = [getattr(effect, name) for name in words_of(type(effect))]
+        named = columns_of(effect)
         column[slot, : len(named)] = [(*problem.columns, "").index(name) for name in named]
         if isinstance(effect, ShapeTerm):
             column[slot, 2] = ACTS_ON.index(effect.acts_on)
