@@ -11,6 +11,7 @@ from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.search.state import Accepted, Selection
+from adhesion_jax.discovery.types import BRAKING
 from adhesion_jax.effects import EFFECTS, Constant, Covariate, Labels, Memory, Threshold
 
 
@@ -236,6 +237,21 @@ def test_the_curve_of_braking_is_shown_over_that_of_traction_where_it_differs(fa
         largest = braking.values > 0.01
         np.testing.assert_allclose(braking.factor[largest], 0.8, atol=0.01)
         assert braking.high[largest].max() < 0.85
+
+
+def test_braking_is_compared_with_what_the_law_adds_to_the_adhesion():
+    """A curve with a departure of its own in braking may take from an offset what that has."""
+    draw = np.random.default_rng(13)
+    table = campaign(draw, kind="both")
+    own = np.where(table["slip_ratio"] < 0, 0.8, 1.0)
+    table["adhesion"] = own * curve(table["slip_ratio"]) + 0.02 + noise(draw, sigma=0.002)
+    part = Constant(0.0, acts_on="offset")
+    effect = Accepted("added", ("added",), "added", True, ("load",), (part,), 0.0005, 90.0)
+    (braking,) = (one for one in dependences(state_of(table, effect), 0) if one.effect == BRAKING)
+    whole = curve(braking.values)
+    much = braking.values > 0.01
+    expected = (0.8 * whole - 0.02) / (whole + 0.02)
+    np.testing.assert_allclose(braking.factor[much], expected[much], atol=0.02)
 
 
 def test_a_curve_is_shown_where_it_depends_most_and_not_where_friction_has_fallen_at_all_speeds():

@@ -338,9 +338,9 @@ def test_verdict_says_how_braking_differs():
     (axis,) = _dependences(findings._replace(dependences=(braking,))).axes
     assert axis.get_title(loc="left") == "braking over traction"
     assert verdict(findings._replace(dependences=(braking,))).endswith(
-        "The curve burckhardt is another one in braking, most surely at slip 0.1: there its "
-        "adhesion is 70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and no "
-        "cause is named for it."
+        "The curve burckhardt is another one in braking, most surely at slip 0.1: there adhesion "
+        "by the law is 70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and "
+        "no cause is named for it."
     )
 
 

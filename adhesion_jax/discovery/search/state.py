@@ -14,7 +14,7 @@ from adhesion_jax.effects import Constant, Effect, ShapeTerm
 MOST_FORMS = 12
 
 #: What no curve has a constant of, since each passes through the origin.
-_AT_THE_ORIGIN = ("offset", "shift")
+AT_THE_ORIGIN = ("offset", "shift")
 
 
 class Accepted(NamedTuple):
@@ -110,7 +110,7 @@ def with_constants(accepted: Sequence[Accepted]) -> tuple[Accepted, ...]:
         )
         for effect in accepted
     ]
-    for acts_on in _AT_THE_ORIGIN:
+    for acts_on in AT_THE_ORIGIN:
         acting = (
             place
             for place, effect in enumerate(effects)
