@@ -154,15 +154,14 @@ def pack(
         start = _place_of(slot)
         numbers = [float(getattr(effect, name)) for name in effect.FACTS.parameters]
         values[start : start + len(numbers)] = numbers
-        for name, place in effect_places(slot, effect).items():
-            places.append(place)
-            lower.append(effect.FACTS.parameters[name].lower)
-            upper.append(effect.FACTS.parameters[name].upper)
+        own = effect_places(slot, effect)
+        facts = [effect.FACTS.parameters[name] for name in own]
         if isinstance(effect, ShapeTerm):
-            held = [
-                places.index(effect_places(slot, effect)[name]) for name in effect.FACTS.strengths
-            ]
+            held = [len(places) + [*own].index(name) for name in effect.FACTS.strengths]
             precision[np.ix_(held, held)] = prior_precision(type(effect), effect.acts_on)
+        places += own.values()
+        lower += [one.lower for one in facts]
+        upper += [one.upper for one in facts]
     padding = free - len(places)
     return Model(
         np.asarray(list(BASES).index(base)),
