@@ -33,7 +33,8 @@ class Kiencke(Curve):
 
     PARAMETERS: ClassVar = {
         "a0": Parameter("1", 0.1, 2000.0, "initial slope", _SOURCE),
-        "p1": Parameter("1", -2.0, 5000.0, "bend of the rise", _SOURCE),
+        # From 0 on the denominator has no root, whatever p2 is.
+        "p1": Parameter("1", 0.0, 5000.0, "bend of the rise", _SOURCE),
         "p2": Parameter("1", 1e-3, 1e6, "inverse square of the slip at the peak", _SOURCE),
     }
     NEEDS = ()

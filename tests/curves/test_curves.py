@@ -141,6 +141,17 @@ def test_no_peak_is_an_answer(name):
     assert np.max(adhesion(curve, np.linspace(0, 1, 10_001))) <= float(peak.adhesion) + 1e-15
 
 
+@pytest.mark.parametrize("p2", [1e-3, 0.01, 0.8, 1.0, 30.0, 1e6])
+def test_within_its_box_kiencke_has_no_pole(p2):
+    """Fitted to few slips that adhesion rises between, it had one where no point lies."""
+    curve = Kiencke(a0=1.0, p1=Kiencke.PARAMETERS["p1"].lower, p2=p2)
+    slip = jnp.linspace(0.0, 40.0, 400_001)
+    adhesion = np.asarray(curve(slip, {}))
+    assert (adhesion[1:] > 0).all()
+    # Nowhere is it steeper than at slip 0, so that it cannot jump.
+    assert (np.diff(adhesion) <= 1.0001 * float(slip[1])).all()
+
+
 @pytest.mark.parametrize(("p1", "found"), [(-5.0, False), (-4.04, False), (-3.96, True)])
 def test_a_kiencke_curve_with_a_pole_in_the_range_has_no_peak(p1, found):
     """Its denominator has a root where p1 < -2 sqrt(p2)."""

@@ -342,6 +342,9 @@ def test_verdict_says_how_braking_differs():
         "by the law is 70.0 % [68.0, 73.0] of that in traction. That is a part of the curve, and "
         "no cause is named for it."
     )
+    added = findings.effects[0]._replace(acts_on="offset")
+    findings = findings._replace(effects=(added, *findings.effects[1:]), dependences=(braking,))
+    assert "adhesion by the law, with what it adds, is 70.0 % [68.0, 73.0]" in verdict(findings)
 
 
 def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():

@@ -124,9 +124,10 @@ def _dependences(findings: Findings) -> Figure | None:
 def _dependence(axis: Axes, dependence: Dependence, findings: Findings) -> None:
     axis.axhline(1.0, color="0.4", linewidth=0.8)
     named, at_slip = label_text(humanised(dependence.effect)), dependence.at_slip
-    if np.isfinite(at_slip) and dependence.column != "slip_ratio":
-        named += f", at slip {at_slip:.2g}"
     held = label_text(beside_median(findings, dependence))
+    if np.isfinite(at_slip) and dependence.column != "slip_ratio":
+        said = f"at slip {at_slip:.2g}"
+        named, held = (named, f"{said}, {held}") if held else (f"{named}, {said}", "")
     axis.set_title("\n".join(filter(None, (named, held))), fontsize=9, loc="left")
     if dependence.labels:
         middle, places = dependence.factor, np.arange(len(dependence.labels))

@@ -180,6 +180,10 @@ def verdict(findings: Findings) -> str:
         significant=rules.SIGNIFICANT,
         size_of=_size,
         braking=BRAKING,
+        adds=any(
+            {"offset", "shift"} & {effect.acts_on, *effect.refined_on}
+            for effect in (*findings.effects, *findings.unexplained)
+        ),
         told_of=_told_of,
         values_at_bound=_values_at_bound,
         **{word.__name__: word for word in _WORDS},
