@@ -7,9 +7,10 @@ import pytest
 from discovery_campaigns import alone, campaign, curve, noise, state_of
 
 from adhesion_jax.data.columns import unit_of
-from adhesion_jax.discovery.findings.dependence import dependences
+from adhesion_jax.discovery.findings.dependence import beyond_points, dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
+from adhesion_jax.discovery.model.packing import base_places
 from adhesion_jax.discovery.search.state import Accepted, Selection
 from adhesion_jax.discovery.types import BRAKING
 from adhesion_jax.effects import EFFECTS, Constant, Covariate, Labels, Memory, Threshold
@@ -105,6 +106,22 @@ def test_an_offset_is_shown_where_adhesion_is_largest_and_a_sharp_step_has_a_nar
     assert (shown.high / shown.low < 1.1).all()
     (told,) = found_effects(state, errors(np.ones(9), np.ones(9), np.ones(9), 0))
     assert {*told.parameters} == {"k", "constant on the offset k"}
+
+
+def test_a_law_far_beyond_all_points_between_their_slips_is_not_to_be_believed():
+    """A curve with two poles among the slips; that of the points has none."""
+    draw = np.random.default_rng(14)
+    table = campaign(draw)
+    table["adhesion"] = curve(table["slip_ratio"]) + noise(draw, sigma=0.002)
+    state = Selection(alone(table, "kiencke", (0.35 * 60, 60 - 2 / 0.06, 0.06**-2)))
+    assert beyond_points(state) == ()
+    # The denominator 1 - 60 l + 800 l^2 is negative between slips of 0.025 and 0.05.
+    values = state.fitted.values.copy()
+    values[base_places("kiencke")[:3]] = 20.0, -60.0, 800.0
+    (told,) = beyond_points(state._replace(fitted=state.fitted._replace(values=values)))
+    assert "the law is not to be believed" in told
+    at = float(told.split("at slip ")[1].split(",")[0])
+    assert at == pytest.approx(0.025, abs=0.003) or at == pytest.approx(0.05, abs=0.003)
 
 
 def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():

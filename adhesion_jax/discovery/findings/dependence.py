@@ -43,6 +43,9 @@ _ABOUT_MOST = 0.9
 #: adhesions that are nearly nought says nothing.
 _LITTLE = 0.1
 
+#: A law is not believed that is this many times the largest adhesion of the points. By hand.
+_BEYOND = 3.0
+
 #: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
@@ -92,6 +95,25 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
             if column in flat:
                 found.append(_over(state, effect, column, parts, spread))
     return tuple(found)
+
+
+def beyond_points(state: Selection) -> tuple[str, ...]:
+    """A sentence where the law is far beyond all points at a slip between theirs; mostly none."""
+    problem, effects = state.setting.problem, state.fitted.effects
+    inside, shape = problem.points > 0, problem.points.shape
+    slip, adhesion = (np.asarray(of)[inside] for of in (problem.data.slip, problem.data.adhesion))
+    grid = np.linspace(slip.min(), slip.max(), inside.size)
+    steady = [slot for slot, part in enumerate(effects) if not isinstance(part, Dynamic)]
+    values, columns = state.fitted.values[None], {"slip_ratio": grid.reshape(shape)}
+    law = _adhesion(state, steady, values, columns).ravel()
+    place, largest = int(np.argmax(np.abs(law))), float(np.abs(adhesion).max())
+    if not np.abs(law[place]) > _BEYOND * largest:
+        return ()
+    return (
+        f"With all columns at their medians the law has an adhesion of {law[place]:.3g} at slip "
+        f"{grid[place]:.2g}, where no point is: the largest of the points is {largest:.3g}. "
+        "Between their slips the law is not to be believed.",
+    )
 
 
 def _model(state: Selection) -> Model:

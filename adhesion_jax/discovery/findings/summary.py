@@ -19,7 +19,7 @@ from adhesion_jax.discovery.findings.cautions import (
     shape_words,
     untested,
 )
-from adhesion_jax.discovery.findings.dependence import dependences
+from adhesion_jax.discovery.findings.dependence import beyond_points, dependences
 from adhesion_jax.discovery.findings.errors_by_run import (
     by_run,
     errors,
@@ -108,7 +108,7 @@ def summarise(
     far = tuple(sentence for _, sentence in outside)
     levels = None if runs.blocks else _levels(runs, before, after, noise)
     much_outside = (words for share, words in outside if share > rules.MUCH_OUTSIDE)
-    foremost = *refuted, *much_outside, *ahead
+    foremost = *refuted, *beyond_points(final), *much_outside, *ahead
     return Findings(
         source="",
         base=final.base,
