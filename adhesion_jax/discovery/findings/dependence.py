@@ -265,7 +265,7 @@ def _of_braking(state: Selection, spread: _Spread) -> list[Dependence]:
         return []
     grid = grid[much]
     factor, low, high = _of_steps(_ratio(-braking, traction)[:, much], spread)
-    surest = int(np.argmax(np.abs(np.log(factor)) / np.log(high / low)))
+    surest = int(np.argmax(np.abs(np.log(factor)) / np.maximum(np.log(high / low), 1e-12)))
     shown = Dependence(BRAKING, "slip_ratio", "1", grid, factor, low, high)
     return [shown._replace(at_slip=float(grid[surest]), told=surest)]
 
