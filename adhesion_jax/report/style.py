@@ -1,6 +1,6 @@
 """Styles that distinguish lines in colour and in grey, and the axis of slip."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from io import BytesIO
 from typing import Any
 
@@ -96,18 +96,21 @@ class Shown(Figure):
         return picture.getvalue()
 
 
-def panels(count: int, height: float, label: str) -> tuple[Figure, list[Axes]]:
+def panels(
+    count: int, height: float, label: str, apart: Container[int] = ()
+) -> tuple[Figure, list[Axes]]:
     """Small multiples of one height and one axis of this label, three in a row.
 
-    There is room above for a title of two lines, and below for a legend of one. Their places are
-    set in inches: a layout engine takes longer than to draw them.
+    The panels numbered in `apart` have each a scale of its own. There is room above for a title of
+    two lines, and below for a legend of one. Their places are set in inches: a layout engine takes
+    longer than to draw them.
     """
     columns = min(count, 3)
     lines = -(-count // columns)
     wide, gap, below, above = 3.0 if columns > 1 else 5.0, 0.9, 0.95, 0.45
     size = (1.05 + columns * (wide + 0.3), lines * (height + gap) - gap + below + above)
     figure = Figure(figsize=size)
-    axes = list(figure.subplots(lines, columns, sharey=True, squeeze=False).ravel())
+    axes = list(figure.subplots(lines, columns, squeeze=False).ravel())
     figure.subplots_adjust(
         left=0.95 / size[0],
         right=1 - 0.2 / size[0],
@@ -116,6 +119,10 @@ def panels(count: int, height: float, label: str) -> tuple[Figure, list[Axes]]:
         wspace=0.3 / wide,
         hspace=gap / height,
     )
+    alike = [place for place in range(count) if place not in apart]
+    for place in alike:
+        axes[place].sharey(axes[alike[0]])
+        axes[place].tick_params(labelleft=place % columns == 0)
     for axis in axes[:count]:
         light_frame(axis)
     for axis in axes[:count:3]:

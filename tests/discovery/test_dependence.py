@@ -7,7 +7,8 @@ import pytest
 from discovery_campaigns import alone, campaign, curve, noise, state_of
 
 from adhesion_jax.data.columns import unit_of
-from adhesion_jax.discovery.findings.dependence import beyond_points, dependences
+from adhesion_jax.discovery.findings.cautions import beyond_points
+from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import errors
 from adhesion_jax.discovery.findings.found import found_effects
 from adhesion_jax.discovery.model.packing import base_places
@@ -122,6 +123,19 @@ def test_a_law_far_beyond_all_points_between_their_slips_is_not_to_be_believed()
     assert "the law is not to be believed" in told
     at = float(told.split("at slip ")[1].split(",")[0])
     assert at == pytest.approx(0.025, abs=0.003) or at == pytest.approx(0.05, abs=0.003)
+
+
+@pytest.mark.parametrize(("times", "sentences"), [(2.9, 0), (3.1, 1)])
+def test_a_law_is_believed_up_to_three_times_the_largest_adhesion_of_the_points(times, sentences):
+    draw = np.random.default_rng(15)
+    table = campaign(draw)
+    table["adhesion"] = curve(table["slip_ratio"]) + noise(draw, sigma=0.0005)
+    state = Selection(alone(table, "kiencke", (0.35 * 60, 60 - 2 / 0.06, 0.06**-2)))
+    values = state.fitted.values.copy()
+    # The law is proportional to its initial slope, and follows the points to .0005.
+    values[0] *= times * table["adhesion"].max() / state.fitted.adhesion.max()
+    larger = state._replace(fitted=state.fitted._replace(values=values))
+    assert len(beyond_points(larger)) == sentences
 
 
 def test_sand_is_shown_for_as_long_as_it_was_on_and_from_before_it_was():
@@ -269,6 +283,10 @@ def test_braking_is_compared_with_what_the_law_adds_to_the_adhesion():
     much = braking.values > 0.01
     expected = (0.8 * whole - 0.02) / (whole + 0.02)
     np.testing.assert_allclose(braking.factor[much], expected[much], atol=0.02)
+    # Shown from a tenth of the largest adhesion on, which braking reaches at .037.
+    least = 0.8 * curve(braking.values[:2]) - 0.02
+    limit = 0.1 * (whole.max() + 0.02)
+    assert 2 * least[0] - least[1] - 0.005 < limit < least[0] + 0.005
 
 
 def test_a_curve_is_shown_where_it_depends_most_and_not_where_friction_has_fallen_at_all_speeds():

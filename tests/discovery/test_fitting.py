@@ -26,6 +26,7 @@ from adhesion_jax.discovery.model.bases import best_alone
 from adhesion_jax.discovery.model.fitting import (
     changes_of,
     covariance,
+    felt,
     fit_model,
     in_order,
     nearly_fitted,
@@ -49,7 +50,7 @@ from adhesion_jax.discovery.model.prediction import (
     held_out_loss,
 )
 from adhesion_jax.discovery.model.program import fit
-from adhesion_jax.effects import EFFECTS, Covariate, Labels, Spline
+from adhesion_jax.effects import EFFECTS, Covariate, Labels, Spline, Threshold
 from adhesion_jax.effects.law import with_effects
 from adhesion_jax.inference.sums import TUNING
 
@@ -341,6 +342,24 @@ def test_a_parameter_that_changes_nothing_leaves_the_others_their_covariance(fit
     np.testing.assert_allclose(found[:-1, :-1], without, rtol=1e-8)
     assert (found[-1] == 0).all()
     assert (found[:, -1] == 0).all()
+
+
+@pytest.mark.parametrize(("times", "has"), [(0.95, False), (1.05, True)])
+def test_a_place_on_a_column_is_felt_if_its_error_is_within_the_range_of_the_column(
+    setting, table, times, has
+):
+    warm = table["warm"]
+    step = Threshold(0.1, float(warm.median()), 0.3, float(warm.min()), column="warm")
+    known = nearly_fitted(setting, "burckhardt", TRUE, [step])
+    assert felt(known).all()
+    places = effect_places(0, step)
+    free = known.places.index(places["centre"])
+    hessian = known.hessian.copy()
+    # Its standard error is the reciprocal root of the curvature.
+    hessian[:, free, free] *= times / np.ptp(warm) ** 2 / hessian[:, free, free].sum()
+    without = felt(known._replace(hessian=hessian))
+    assert without[free] == has
+    assert np.delete(without, free).all()
 
 
 @pytest.mark.thorough

@@ -323,6 +323,25 @@ def test_verdict_says_what_the_curve_itself_has_of_a_column():
     )
 
 
+@pytest.mark.parametrize(("range_", "alone"), [(3.9, False), (4.1, True)])
+def test_a_factor_of_four_times_the_usual_range_has_a_panel_of_its_own_scale(range_, alone):
+    findings = two_effects()
+    first = findings.dependences[0]._replace(
+        values=np.array([0.0, 1.0]),
+        factor=np.array([1.0, 2.0]),
+        low=np.array([0.9, 1.9]),
+        high=np.array([1.1, 2.1]),
+        labels=(),
+    )
+    large = first._replace(factor=np.array([1.0, 1.0 + range_]))
+    figure = _dependences(findings._replace(dependences=(first, large, first)))
+    one, other, third = figure.axes
+    assert one.get_ylim() == third.get_ylim()
+    assert (one.get_ylim() != other.get_ylim()) == alone
+    assert other.get_ylim()[1] > 1 + range_
+    assert (one.get_ylim()[1] < 1 + range_) == alone
+
+
 def test_verdict_says_how_braking_differs():
     findings = two_effects()
     braking = findings.dependences[0]._replace(
@@ -344,7 +363,7 @@ def test_verdict_says_how_braking_differs():
     )
     added = findings.effects[0]._replace(acts_on="offset")
     findings = findings._replace(effects=(added, *findings.effects[1:]), dependences=(braking,))
-    assert "adhesion by the law, with what it adds, is 70.0 % [68.0, 73.0]" in verdict(findings)
+    assert "adhesion by the law, its offsets included, is 70.0 % [68.0, 73.0]" in verdict(findings)
 
 
 def test_nothing_is_not_said_of_what_was_significant_and_did_not_hold():

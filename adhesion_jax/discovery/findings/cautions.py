@@ -10,6 +10,7 @@ from adhesion_jax.curves import BASES
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.data.condensing import condensed
 from adhesion_jax.data.runs import RunSet
+from adhesion_jax.discovery.findings.dependence import at_medians
 from adhesion_jax.discovery.model.fitting import nearly_fitted
 from adhesion_jax.discovery.model.packing import columns_of
 from adhesion_jax.discovery.model.problem import Problem, conditions_of
@@ -18,6 +19,7 @@ from adhesion_jax.discovery.search.catalogue import NO_TIME, why_untested
 from adhesion_jax.discovery.search.state import Selection
 from adhesion_jax.discovery.types import Interval
 from adhesion_jax.effects import EFFECTS, in_words
+from adhesion_jax.effects.dynamic import Dynamic
 from adhesion_jax.effects.labels import MOST as MOST_LABELS
 from adhesion_jax.effects.law import CorrectedLaw
 from adhesion_jax.inference.noise import RunNoise
@@ -40,6 +42,9 @@ _GAP = 0.2
 #: Trees are ahead of the law where they remove this share of what it leaves of the squared error of
 #: a test. By hand.
 AHEAD = 0.01
+
+#: A law is not believed that is this many times the largest adhesion of the points. By hand.
+_BEYOND = 3.0
 
 #: Columns that an engineer may have measured, each with the columns that can replace it.
 _EXPECTED: Mapping[str, tuple[str, ...]] = {
@@ -270,6 +275,25 @@ def shape_words(state: Selection) -> tuple[str, ...]:
         f"The shape of the curve: near slip {at:.2g} it is {abs(share) * 100:.2g} % of the largest "
         f"adhesion {'above' if share > 0 else 'below'} the best curve of {fitted.base}; it bends "
         "as the points do, and no column is named for that.",
+    )
+
+
+def beyond_points(state: Selection) -> tuple[str, ...]:
+    """A sentence where the law is far beyond all points at a slip between theirs; mostly none."""
+    problem, effects = state.setting.problem, state.fitted.effects
+    inside, shape = problem.points > 0, problem.points.shape
+    slip, adhesion = (np.asarray(of)[inside] for of in (problem.data.slip, problem.data.adhesion))
+    grid = np.linspace(slip.min(), slip.max(), inside.size)
+    steady = [slot for slot, part in enumerate(effects) if not isinstance(part, Dynamic)]
+    values, columns = state.fitted.values[None], {"slip_ratio": grid.reshape(shape)}
+    law = at_medians(state, steady, values, columns).ravel()
+    place, largest = int(np.argmax(np.abs(law))), float(np.abs(adhesion).max())
+    if not np.abs(law[place]) > _BEYOND * largest:
+        return ()
+    return (
+        f"With all columns at their medians the law has an adhesion of {law[place]:.3g} at slip "
+        f"{grid[place]:.2g}, where no point is: the largest of the points is {largest:.3g}. "
+        "Between their slips the law is not to be believed.",
     )
 
 

@@ -43,9 +43,6 @@ _ABOUT_MOST = 0.9
 #: adhesions that are nearly nought says nothing.
 _LITTLE = 0.1
 
-#: A law is not believed that is this many times the largest adhesion of the points. By hand.
-_BEYOND = 3.0
-
 #: Factors on adhesion are clipped to this size.
 _LARGEST = 1e6
 
@@ -95,25 +92,6 @@ def dependences(state: Selection, seed: int) -> tuple[Dependence, ...]:
             if column in flat:
                 found.append(_over(state, effect, column, parts, spread))
     return tuple(found)
-
-
-def beyond_points(state: Selection) -> tuple[str, ...]:
-    """A sentence where the law is far beyond all points at a slip between theirs; mostly none."""
-    problem, effects = state.setting.problem, state.fitted.effects
-    inside, shape = problem.points > 0, problem.points.shape
-    slip, adhesion = (np.asarray(of)[inside] for of in (problem.data.slip, problem.data.adhesion))
-    grid = np.linspace(slip.min(), slip.max(), inside.size)
-    steady = [slot for slot, part in enumerate(effects) if not isinstance(part, Dynamic)]
-    values, columns = state.fitted.values[None], {"slip_ratio": grid.reshape(shape)}
-    law = _adhesion(state, steady, values, columns).ravel()
-    place, largest = int(np.argmax(np.abs(law))), float(np.abs(adhesion).max())
-    if not np.abs(law[place]) > _BEYOND * largest:
-        return ()
-    return (
-        f"With all columns at their medians the law has an adhesion of {law[place]:.3g} at slip "
-        f"{grid[place]:.2g}, where no point is: the largest of the points is {largest:.3g}. "
-        "Between their slips the law is not to be believed.",
-    )
 
 
 def _model(state: Selection) -> Model:
@@ -185,7 +163,7 @@ def _over(
 
         def change(slip: float) -> tuple[float, float, float]:
             columns = {**moved, "slip_ratio": np.full(shape, slip)}
-            adhesion = _adhesion(state, parts, spread.near[:1], columns)
+            adhesion = at_medians(state, parts, spread.near[:1], columns)
             return float(np.ptp(adhesion)), float(np.abs(adhesion).mean()), slip
 
         changes = [change(slip) for slip in _slips(problem)]
@@ -219,7 +197,7 @@ def _of_curve(state: Selection, column: str, draws: np.ndarray) -> Dependence:
 
     def factors(slip: float, draws: np.ndarray) -> np.ndarray:
         columns = {column: np.resize(grid, shape), "slip_ratio": np.full(shape, slip)}
-        adhesion = _adhesion(state, (), draws, columns).reshape(len(draws), -1)[:, : grid.size]
+        adhesion = at_medians(state, (), draws, columns).reshape(len(draws), -1)[:, : grid.size]
         return _ratio(adhesion, adhesion[:, :1])
 
     slip = max(_slips(problem), key=lambda one: abs(factors(one, draws[:1])[0, -1] - 1))
@@ -255,9 +233,9 @@ def _of_braking(state: Selection, spread: _Spread) -> list[Dependence]:
         if isinstance(part, ShapeTerm) and part.acts_on in AT_THE_ORIGIN
     ]
     traction, braking = (
-        _adhesion(state, parts, spread.near, {"slip_ratio": np.resize(side * grid, shape)}).reshape(
-            len(spread.near), -1
-        )[:, :count]
+        at_medians(
+            state, parts, spread.near, {"slip_ratio": np.resize(side * grid, shape)}
+        ).reshape(len(spread.near), -1)[:, :count]
         for side in (1.0, -1.0)
     )
     much = np.minimum(traction[0], -braking[0]) > _LITTLE * np.abs(traction[0]).max()
@@ -307,16 +285,19 @@ def _factors(
     columns: Mapping[str, np.ndarray],
 ) -> np.ndarray:
     """Adhesion with the parts over adhesion without any effect, [rows, runs, points]."""
-    return _ratio(*(_adhesion(state, some, parameters, columns) for some in (parts, ())))
+    return _ratio(*(at_medians(state, some, parameters, columns) for some in (parts, ())))
 
 
-def _adhesion(
+def at_medians(
     state: Selection,
     parts: Sequence[int],
     parameters: np.ndarray,
     columns: Mapping[str, np.ndarray],
 ) -> np.ndarray:
-    """Adhesion with those parts alone, of each row of parameters, [rows, runs, points]."""
+    """Adhesion with those parts alone, of each row of parameters, [rows, runs, points].
+
+    The columns are those given, [runs, points], and all others at their medians.
+    """
     data, model = _at(state, columns), _model(state)
     kind = np.zeros_like(model.kind)
     kind[list(parts)] = model.kind[list(parts)]

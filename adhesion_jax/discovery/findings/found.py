@@ -13,11 +13,11 @@ from adhesion_jax.discovery.model.course import Course, size_in_words
 from adhesion_jax.discovery.model.fitting import (
     Fitted,
     covariance,
+    felt,
     quantile,
     refitted,
     solve,
     strengths_of,
-    told,
 )
 from adhesion_jax.discovery.model.packing import effect_places
 from adhesion_jax.discovery.model.prediction import held_out_loss
@@ -46,8 +46,8 @@ def intervals(state: Selection) -> Mapping[Place, Mapping[str, Interval]]:
 def _intervals(state: Selection, fitted: Fitted) -> Mapping[Place, Mapping[str, Interval]]:
     """The intervals of the parameters that are free in `fitted`, a fit of the state, and told."""
     error = np.sqrt(np.maximum(np.diag(covariance(fitted)), 0.0)) * quantile(fitted)
-    known = told(fitted)
-    at = {place: number for number, place in enumerate(fitted.places) if known[number]}
+    has_influence = felt(fitted)
+    at = {place: number for number, place in enumerate(fitted.places) if has_influence[number]}
     slots = slots_of(state.accepted)
     found = {}
     for slot, (part, effect) in enumerate(zip(slots, fitted.effects, strict=True)):
@@ -156,7 +156,7 @@ def _after_its_columns(effect: Accepted) -> Accepted:
 
 def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
     """The effects with their intervals, and the error with each added to those before it."""
-    known = intervals(state)
+    told = intervals(state)
     whole = float(held_out_loss(state.fitted).sum())
     found = []
     for rank, effect in enumerate(state.accepted):
@@ -166,9 +166,9 @@ def found_effects(state: Selection, validation: Errors) -> list[FoundEffect]:
         for place, part in enumerate(effect.parts):
             prefix = "" if place == 0 else f"{_called(part)} "
             for name, described in part.FACTS.parameters.items():
-                if name not in known[rank, place] or _no_label(part, name):
+                if name not in told[rank, place] or _no_label(part, name):
                     continue
-                interval = known[rank, place][name]
+                interval = told[rank, place][name]
                 if interval.high - interval.low > _UNTOLD * (described.upper - described.lower):
                     continue
                 said = prefix + _of_label(part, name, state.setting.problem)

@@ -13,13 +13,14 @@ from adhesion_jax.discovery.findings.alternatives import confounded, likenesses,
 from adhesion_jax.discovery.findings.cautions import (
     absent,
     ahead_words,
+    beyond_points,
     extrapolated,
     noise_words,
     outlying,
     shape_words,
     untested,
 )
-from adhesion_jax.discovery.findings.dependence import beyond_points, dependences
+from adhesion_jax.discovery.findings.dependence import dependences
 from adhesion_jax.discovery.findings.errors_by_run import (
     by_run,
     errors,

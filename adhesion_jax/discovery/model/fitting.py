@@ -305,10 +305,10 @@ def solve(hessian: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     return np.einsum("...kl,...l->...k", vectors, shares) * scale
 
 
-def told(fitted: Fitted) -> np.ndarray:
-    """Whether the data tell anything of each free parameter, [free].
+def felt(fitted: Fitted) -> np.ndarray:
+    """Which of the free parameters have an influence that the data show, [free].
 
-    They tell nothing of a value of a column whose standard error, all others known, is beyond the
+    One that is a value of a column has none if its standard error, all others known, is beyond the
     range of the column: a step may lie anywhere between two values, and be as wide.
     """
     problem = fitted.setting.problem
@@ -326,10 +326,10 @@ def covariance(fitted: Fitted) -> np.ndarray:
 
     The sandwich H^-1 (sum of g_i g_i') H^-1 over runs, each run with the gradient that it has when
     the parameters are fitted without it (CR3: MacKinnon and White 1985, J. Econometrics 29). Of a
-    parameter that the data tell nothing of it is 0.
+    parameter without an influence it is 0.
     """
     runs = np.flatnonzero(np.abs(fitted.hessian).sum((1, 2)) > 0)
-    free = told(fitted)
+    free = felt(fitted)
     hessian, gradient = fitted.hessian * (free[:, None] & free), fitted.gradient * free
     whole = hessian.sum(0)
     if runs.size < 2:

@@ -49,6 +49,10 @@ _ROUNDS = 4
 #: Longest decision, in letters.
 _WORDS = 60
 
+#: A panel has a scale of its own if its factor ranges over more than this many times the median
+#: range of all panels, or over more than this where that is below 1.
+_APART = 4.0
+
 
 def draw_discovery(folder: Path, findings: Findings) -> None:
     """Every figure that applies, as PNG."""
@@ -108,14 +112,21 @@ def adhesion_over_slip(findings: Findings) -> Figure:
 def _dependences(findings: Findings) -> Figure | None:
     if not findings.dependences:
         return None
-    figure, axes = panels(len(findings.dependences), 2.2, "factor on adhesion (1)")
+    factors = [np.append(one.factor, 1.0) for one in findings.dependences]
+    ranges = [np.ptp(one) for one in factors]
+    usual = max(np.median(ranges), 1.0)
+    apart = [place for place, one in enumerate(ranges) if one > _APART * usual]
+    figure, axes = panels(len(factors), 2.2, "factor on adhesion (1)", apart)
     for axis, dependence in zip(axes, findings.dependences, strict=True):
         _dependence(axis, dependence, findings)
-    # The panels have one axis, on which a band that the data hardly bound would hide every curve.
-    whole = np.concatenate([[1.0], *(one.factor for one in findings.dependences)])
-    ends = np.array([whole.min(), whole.max()]) + np.ptp(whole) * np.array([-1.0, 1.0])
-    if np.ptp(whole) > 0:
-        axes[0].set_ylim(np.clip(ends, *axes[0].get_ylim()))
+    # A band that the data hardly bound would hide every curve.
+    alike = [place for place in range(len(ranges)) if place not in apart]
+    for places in (alike, *([place] for place in apart)):
+        whole = np.concatenate([factors[place] for place in places])
+        ends = np.array([whole.min(), whole.max()]) + np.ptp(whole) * np.array([-1.0, 1.0])
+        if np.ptp(whole) > 0:
+            axis = axes[places[0]]
+            axis.set_ylim(np.clip(ends, *axis.get_ylim()))
     curves = [axis for axis, one in zip(axes, findings.dependences, strict=True) if not one.labels]
     one_legend(figure, curves[:1])
     return figure

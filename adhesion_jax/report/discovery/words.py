@@ -6,6 +6,7 @@ import numpy as np
 
 from adhesion_jax.data.columns import COLUMNS
 from adhesion_jax.discovery.search import rules
+from adhesion_jax.discovery.search.state import AT_THE_ORIGIN
 from adhesion_jax.discovery.types import (
     BRAKING,
     Candidate,
@@ -181,7 +182,7 @@ def verdict(findings: Findings) -> str:
         size_of=_size,
         braking=BRAKING,
         adds=any(
-            {"offset", "shift"} & {effect.acts_on, *effect.refined_on}
+            {*AT_THE_ORIGIN} & {effect.acts_on, *effect.refined_on}
             for effect in (*findings.effects, *findings.unexplained)
         ),
         told_of=_told_of,
