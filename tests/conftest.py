@@ -1,4 +1,4 @@
-"""While tested, package and experiments are checked against the shapes and types they declare."""
+"""What all tests share: their repeatable examples, quick programs and checked shapes."""
 
 import ctypes
 import gc
@@ -8,12 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
+import shapes
 from hypothesis import settings
-from jaxtyping import install_import_hook
 from threadpoolctl import threadpool_limits
-
-# Here, before any test module imports the package: the hook works on what is imported after it.
-install_import_hook(["adhesion_jax", "experiments"], "beartype.beartype")
 
 # The same examples on every machine, and no deadline: the first example compiles.
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
@@ -59,8 +56,12 @@ def pytest_collection_finish():
 
 
 def pytest_configure(config):
-    """All processes of a session, those that tests start too, keep and share what they compile."""
-    # After the flags above, and under the hook.
+    """Check shapes; and all processes of a session keep and share what they compile."""
+    # Tests of these lanes repeat with more cases and draws what the others check.
+    if config.getoption("markexpr") not in ("thorough", "slow", "clock"):
+        shapes.install()  # before any test module imports the package
+
+    # After the flags above, and with shapes checked.
     import jax
 
     from adhesion_jax import runtime

@@ -17,6 +17,7 @@ from adhesion_jax.discovery.types import BRAKING
 from adhesion_jax.effects import EFFECTS, Constant, Covariate, Labels, Memory, Threshold
 
 
+@pytest.mark.long
 def test_of_labels_only_the_labels_are_shown_and_by_their_names():
     draw = np.random.default_rng(5)
     table = campaign(draw)

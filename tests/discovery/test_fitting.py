@@ -631,6 +631,7 @@ def every_way():
     return creep, *causes, *shape, *small, spline, lag, labels
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("base", ["burckhardt", "kiencke", "level"])
 def test_the_jacobian_beside_effects_is_that_of_finite_differences_of_the_law(table, base):
     """Of a curve of few and of many parameters, whatever stands between one and the adhesion."""
