@@ -124,6 +124,7 @@ def test_adhesion_that_rises_with_speed_is_not_named_a_fall_with_it(rises):
     assert words.startswith("Vehicle speed is not named as a cause, although its formula is in ")
 
 
+@pytest.mark.long
 def test_what_the_data_lack_has_no_interval_and_adhesion_that_falls_to_the_rear_no_cleaning():
     """Axle B, behind A, has 4 % less adhesion; of further axles nothing is known."""
     draw = np.random.default_rng(8)

@@ -268,6 +268,7 @@ def test_rates_and_shares_of_sets_counted_by_hand(monkeypatch):
     assert "claimed" in strangers.text(sets)
 
 
+@pytest.mark.long
 def test_a_study_that_is_resumed_computes_what_is_not_there(monkeypatch, tmp_path):
     out, discover = tmp_path / "out", finding({"name": "covariate:x01", "covariates": ("x01",)})
     monkeypatch.setattr(strangers, "discover", discover)

@@ -28,6 +28,7 @@ def designed():
     return table.drop(columns="place")
 
 
+@pytest.mark.long
 def test_three_factors_of_a_design_are_each_named(designed):
     draw = np.random.default_rng(8)
     level = np.exp(sum(0.03 * (2 * designed[name] - 1) for name in FACTORS))

@@ -285,6 +285,7 @@ def test_step_by_step_a_memory_gives_what_the_whole_run_gives(name):
     assert coarse / fine == pytest.approx(8, rel=0.2)
 
 
+@pytest.mark.long
 def test_a_hysteresis_of_long_memory_begins_in_a_loop_as_in_a_whole_run():
     effect = EFFECTS["hysteresis"](k=0.3, rate=0.05, memory=2.0)
     coarse, fine = (error_of_steps(effect, step, since=0.0) for step in (0.01, 0.00125))

@@ -80,6 +80,7 @@ def test_it_finds_the_weighted_least_squares_of_scipy_and_their_errors(rail):
         np.testing.assert_allclose(deviations_of(estimate)[i, :3], deviation, rtol=0.03)
 
 
+@pytest.mark.long
 def test_no_estimate_on_its_way_is_told_as_trusted():
     """Without noise whatever is trusted is the truth, after 4 samples, 10 and 40."""
     truth = parameters_of("dry")

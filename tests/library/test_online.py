@@ -23,7 +23,7 @@ ONLINE = [
 ]
 
 #: Those that compile quickly.
-MARKS = {"rls-kiencke-variable": (), "riv": pytest.mark.long}
+MARKS = dict.fromkeys(("rls-kiencke-variable", "riv"), pytest.mark.long)
 
 
 @pytest.mark.parametrize(

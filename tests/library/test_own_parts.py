@@ -33,6 +33,7 @@ def registries(monkeypatch):
     monkeypatch.setattr(plugins, "_own", set())
 
 
+@pytest.mark.long
 def test_a_curve_of_ones_own_is_fitted_saved_and_loaded_and_may_be_defined_anew(tmp_path):
     for level in (0.3, 0.2):
         curve = defined("hyperbolic.py")["Hyperbolic"](a=level)

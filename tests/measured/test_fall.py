@@ -64,6 +64,7 @@ def estimates(table):
     return {name: one.estimates for name, one in follow_log(methods, log, np.array([A0])).items()}
 
 
+@pytest.mark.long
 def test_a_limit_of_the_force_is_no_peak():
     for seed in range(3):
         for name, table in estimates(measured(seed, limited(3000))).items():

@@ -145,6 +145,7 @@ def test_a_noise_of_the_slip_that_is_none_is_refused(slip_noise):
         aj.identify(table(1.0), "kiencke", slip_noise=slip_noise)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["side", "axle"])
 def test_the_answer_does_not_depend_on_whether_rows_of_groups_stand_in_turn(name):
     """Two signals of one truth with noise of an AR(1) of .9, each independent of the other."""

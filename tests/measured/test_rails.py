@@ -41,6 +41,7 @@ def made(name, **fields):
     return KINDS[name](**fields)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("taken", "in_ratio"),
     [
@@ -109,6 +110,7 @@ def test_effects_with_a_memory_advance_with_the_train(tmp_path, names):
         np.testing.assert_allclose(found[700:, axle], expected[700:], atol=2e-3)
 
 
+@pytest.mark.long
 def test_the_peak_is_that_at_the_moment_and_without_a_lag(tmp_path):
     effects = (EFFECTS["cleaning"], EFFECTS["relaxation"])
     rails = rails_of_law(saved(tmp_path, *effects)).draw(KEY, 1e-4)

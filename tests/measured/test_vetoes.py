@@ -30,6 +30,7 @@ def test_few_points_on_the_rise_show_that_adhesion_depends_on_slip(count):
     assert said <= 200 * 0.01
 
 
+@pytest.mark.long
 def test_a_few_exact_points_on_both_sides_of_a_peak_are_a_curve():
     """The noise is a sixtieth of the peak; medians of two bins, one on either side, agree."""
     vetoed = 0

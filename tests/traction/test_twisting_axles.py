@@ -109,6 +109,7 @@ def spent(plant, state, surface, command, step, count):
     return jax.lax.fori_loop(0, count, lambda _, both: rk4(derivative, both, step), (state, none))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("backlash", [0.0, 1e-3])
 def test_energy_is_kept_with_twist_and_play(backlash):
     plant = twisting(backlash=backlash)
