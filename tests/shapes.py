@@ -39,13 +39,13 @@ class _Decorator(ast.NodeTransformer):
 
     def visit_FunctionDef(self, node):
         # Innermost, since outer decorators may hide what is annotated.
-        node.decorator_list.append(ast.copy_location(self.checked, node))
+        node.decorator_list.append(self.checked)
         return node
 
     def visit_ClassDef(self, node):
         self.generic_visit(node)
         # Outermost, since it is the decorator of a dataclass that makes what is checked.
-        node.decorator_list.insert(0, ast.copy_location(self.checked, node))
+        node.decorator_list.insert(0, self.checked)
         return node
 
 
@@ -54,7 +54,7 @@ class _Loader(SourceFileLoader):
         # Past the files of compiled modules, which processes without checks read and write.
         path = self.get_filename(fullname)
         tree = _Decorator().visit(ast.parse(self.get_data(path), path))
-        return compile(ast.fix_missing_locations(tree), path, "exec", dont_inherit=True)
+        return compile(tree, path, "exec", dont_inherit=True)
 
 
 class _Finder(MetaPathFinder):

@@ -421,7 +421,7 @@ def test_noise_of_a_wheel_speed_is_not_taken_for_a_lag(seed):
     assert found.unexplained == ()
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_a_noisy_log_and_a_shorter_one_to_test_on_are_both_smoothed():
     """Of the noise of the wheel speed alone, steep parts of the curve make twice that of adhesion.
 

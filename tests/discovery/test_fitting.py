@@ -17,6 +17,7 @@ from discovery_campaigns import (
     problem_of,
     setting_of,
 )
+from lanes import lanes
 from scipy import optimize, stats
 from statsmodels.robust.norms import HuberT
 
@@ -631,8 +632,7 @@ def every_way():
     return creep, *causes, *shape, *small, spline, lag, labels
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("base", ["burckhardt", "kiencke", "level"])
+@pytest.mark.parametrize("base", lanes(["level", "burckhardt", "kiencke"], 0, thorough=2, long=1))
 def test_the_jacobian_beside_effects_is_that_of_finite_differences_of_the_law(table, base):
     """Of a curve of few and of many parameters, whatever stands between one and the adhesion."""
     place = table.groupby("run").cumcount()

@@ -64,7 +64,7 @@ def test_what_acts_through_each_of_two_columns_is_two_effects(null):
     ]
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_what_an_accepted_column_does_with_another_one_is_found_beside_it(null):
     """A surface is too smooth for what the first column does alone, of which no cause is known."""
     table = null.rename(columns={"position_m": "x"})
@@ -77,7 +77,7 @@ def test_what_an_accepted_column_does_with_another_one_is_found_beside_it(null):
     assert float(both.parts[0].k11) == pytest.approx(0.08, rel=0.15)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_what_two_accepted_columns_do_together_is_found_whatever_its_degrees(null):
     """Of the mixed term of a surface, P_1(u) P_1(v), there is nothing in it."""
     u, v = shares(null["position_m"]), shares(null["relative_humidity_pct"])

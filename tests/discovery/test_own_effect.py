@@ -37,7 +37,7 @@ class Doubled(Warmth):
         return jnp.exp(2 * self.k * conditions["warm"])
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_an_effect_that_is_named_after_a_fit_is_fitted_and_its_next_version_too(monkeypatch):
     # Beside few others its programs are small.
     for name in [*EFFECTS][3:]:

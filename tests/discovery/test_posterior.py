@@ -59,7 +59,7 @@ def test_a_fit_with_a_term_is_the_maximum_of_its_posterior(cold):
     assert 0.5 * slope @ np.linalg.solve(hessian, slope) < 0.05
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_where_nothing_is_known_of_a_function_it_stays_near_none(cold):
     fitted, start = cold
     assert np.abs(heights(start, fitted.values[list(fitted.places)][-5:])).max() < 2 * 1.5

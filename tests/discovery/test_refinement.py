@@ -157,7 +157,7 @@ def test_a_form_that_is_right_is_left_as_it_is(null):
     assert better.fitted.values.tolist() == state.fitted.values.tolist()
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_a_model_may_grow_beyond_any_program(quiet):
     """Thirty lines over a column that moves nothing leave the slope and every candidate there."""
     problem = quiet.setting.problem

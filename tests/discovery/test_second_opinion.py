@@ -140,7 +140,7 @@ def test_columns_of_the_slip_are_used_and_not_named():
     assert named.columns == ("slip_ratio",)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_a_column_that_trees_name_is_an_effect_where_signs_of_the_runs_do_not_tell_it():
     """A step of the level in the humidity, which hardly varies within 28 runs."""
     made = stranger(7219, 181, False)

@@ -304,7 +304,7 @@ def test_the_prior_of_a_spline_holds_its_values_and_more_firmly_its_bends():
         assert bow @ precision @ bow == pytest.approx(values + 4 * (0.08 / 0.2) ** 2, rel=1e-6)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_where_a_column_has_a_gap_a_spline_goes_on_through_it_nearly_straight():
     """g = .6 (z/1000 - .5) of eight runs at z of 0 to 300 and 700 to 1000, in slow noise."""
     slip = 1e-3 + 0.15 * np.abs(np.sin(np.linspace(0, 6, 150)))

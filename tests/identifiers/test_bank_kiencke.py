@@ -201,7 +201,7 @@ def peaks(table):
     return table[table["quantity"] == "mu_max"].set_index("rail")
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_it_follows_a_rail_that_drifts_with_an_interval_that_holds_the_truth():
     summary = peaks(tables("drift")["summary"]).loc["dry"]
     assert summary["rmse"] / summary["truth"] < 0.0035

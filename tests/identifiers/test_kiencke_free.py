@@ -151,7 +151,7 @@ def test_the_linear_form_has_no_footing_where_the_slope_is_unknown():
     assert np.mean(errors) == pytest.approx(0.85, abs=0.05)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 def test_braking_standstill_and_samples_that_are_no_numbers_change_nothing():
     slip, adhesion = runs("common", 2, 200, seed=5)
     expected = values_of(found(slip, adhesion))

@@ -191,7 +191,7 @@ def test_a_sample_that_is_not_finite_changes_nothing():
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.long
+@pytest.mark.thorough
 @pytest.mark.skipif(not FAULTS.exists(), reason="the collection of logs is not here")
 def test_coasting_with_holds_reaches_and_with_sweeps_has_a_peak():
     """An adhesion of .2205 is held; what forgets or resets remembers a last roll out as well."""
