@@ -122,7 +122,8 @@ def panels(
     alike = [place for place in range(count) if place not in apart]
     for place in alike:
         axes[place].sharey(axes[alike[0]])
-        axes[place].tick_params(labelleft=place % columns == 0)
+        # A neighbour on the left with the same scale has its numbers.
+        axes[place].tick_params(labelleft=place % columns == 0 or place - 1 in apart)
     for axis in axes[:count]:
         light_frame(axis)
     for axis in axes[:count:3]:

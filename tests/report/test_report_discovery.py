@@ -340,6 +340,9 @@ def test_a_factor_of_four_times_the_usual_range_has_a_panel_of_its_own_scale(ran
     assert (one.get_ylim() != other.get_ylim()) == alone
     assert other.get_ylim()[1] > 1 + range_
     assert (one.get_ylim()[1] < 1 + range_) == alone
+    # Numbers stand beside each panel whose scale is not that of its neighbour on the left.
+    shown = [axis.yaxis.get_tick_params()["labelleft"] for axis in figure.axes]
+    assert shown == [True, alone, alone]
 
 
 def test_verdict_says_how_braking_differs():
