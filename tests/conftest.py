@@ -61,7 +61,7 @@ def pytest_configure(config):
     if config.getoption("markexpr") not in ("thorough", "slow", "clock"):
         shapes.install()  # before any test module imports the package
 
-    # After the flags above, and with shapes checked.
+    # After the flags above and the finder of checked modules.
     import jax
 
     from adhesion_jax import runtime
